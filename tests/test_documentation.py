@@ -231,7 +231,7 @@ def words_of(text):
 GENERATED_PAGES = ("terms.md", "leaderboard.md")
 """Pages that a script writes as a whole, besides those that say so in their first line."""
 
-MOST_WORDS = 35_420
+MOST_WORDS = 35_000
 """Of all pages that people write."""
 
 
@@ -668,27 +668,6 @@ def test_the_generated_files_are_those_of_the_book(monkeypatch):
         for row in rows_of("recipes.csv")
     }
     assert {recipe: row["kind"] for recipe, row in recipes.items()} == kinds
-
-
-def test_votes_ranks_are_those_of_counting():
-    graph = RecipeGraph.from_book(open_book("kitchen"))
-    rows, ranks = graph.recipes.tolist(), MAKER["votes_ranks"](graph)
-    for index in range(0, len(rows), 30):
-        a, b, result = rows[index]
-        votes = [
-            sum(
-                x in other[:2] and other[2] == entity
-                for x in {a, b}
-                for i, other in enumerate(rows)
-                if i != index
-            )
-            for entity in range(graph.num_entities)
-        ]
-        own = votes[result]
-        expected = (
-            sum(count > own for count in votes) + (sum(count == own for count in votes) + 1) / 2
-        )
-        assert ranks[index] == expected
 
 
 @pytest.mark.slow

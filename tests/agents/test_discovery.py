@@ -15,7 +15,6 @@ from wordcraft_kg import RecipeGraph, load_scorer
 from wordcraft_kg.agents import recipe_discovery
 from wordcraft_kg.agents.discovery import (
     DISCOVERERS,
-    NEVER,
     BookDiscoverer,
     EmpowermentDiscoverer,
     GreedyDiscoverer,
@@ -99,16 +98,6 @@ def test_curves_begin_with_the_base_and_never_fall(kitchen, curves):
         assert run["known"].max() <= Discovery(kitchen).reachable
 
 
-def test_when_everything_is_known_the_curve_stays_there():
-    graph = RecipeGraph.from_recipes(
-        [("a", "a", "b"), ("a", "b", "c"), ("d", "a", "e")], base=["a"]
-    )
-    curves = curves_of(graph, everybody(graph), attempts=40, runs=2)
-    at_end = curves[curves["attempt"] == 40]
-    assert (at_end["known"] == 3).all()
-    assert not at_end["repeated"].any()
-
-
 def test_a_curve_depends_on_the_seed_and_not_on_who_else_plays(kitchen, curves):
     alone = curves_of(kitchen, make_discoverers(["greedy"], kitchen), ATTEMPTS, runs=20)
     both = curves[curves["player"] == "greedy"].reset_index(drop=True)
@@ -169,20 +158,6 @@ def test_an_oracle_takes_the_pair_of_the_highest_value(kitchen, kind):
         player.observe(pair, game.combine(*pair)[0])
 
 
-def test_equal_values_are_drawn_alike(kitchen):
-    class Free(GreedyDiscoverer):
-        def worth(self, entities):
-            return np.ones(len(entities))
-
-    player, drawn = Free(kitchen), set()
-    for seed in range(60):
-        player.begin(kitchen.base_ids.tolist(), np.random.default_rng(seed))
-        drawn.add(player.choose())
-    values = slow_oracle_values(kitchen, kitchen.base_ids.tolist(), lambda c: 1)
-    assert drawn == best_pairs(values)
-    assert len(drawn) > 1
-
-
 def test_the_summary_gives_means_intervals_and_the_share_of_repeats():
     known, repeated = [5, 6, 6, 5, 6, 8, 5, 6, 10], [False, False, True] + [False] * 6
     rows = zip(["p"] * 9, [0] * 3 + [1] * 3 + [2] * 3, [0, 1, 2] * 3, known, repeated, strict=True)
@@ -196,17 +171,6 @@ def test_the_summary_gives_means_intervals_and_the_share_of_repeats():
     single = summarise_curves(curves[curves["run"] == 0])
     assert single["low"].isna().all()
     assert single["mean"].tolist() == [6, 6]
-
-
-def test_plays_record_the_attempt_of_each_entity(kitchen):
-    players = make_discoverers(["random", "greedy"], kitchen)
-    plays = play_runs(kitchen, players, ATTEMPTS, runs=4, seed=2)
-    is_base = np.isin(np.arange(kitchen.num_entities), kitchen.base_ids)
-    assert ((plays.learnt == 0) == is_base).all()
-    assert (plays.learnt == NEVER).any()
-    for attempt in range(ATTEMPTS + 1):
-        by_now = ((plays.learnt != NEVER) & (plays.learnt <= attempt)).sum(axis=2)
-        np.testing.assert_array_equal(by_now, plays.known[:, :, attempt])
 
 
 def test_book_votes_tries_the_pair_of_the_highest_value():
@@ -463,13 +427,3 @@ def test_a_thought_names_the_rule_the_chance_and_the_expected_result(labelled, w
             is_cover = (attempt + 1) % COVER == 0
             assert thought.reason == ("cover" if is_cover else "value")
     assert reasons[:FREE] == ["random start"] * FREE
-
-
-def test_a_variant_shares_scores_and_has_other_numbers(labelled, world):
-    player = RecipeDiscoverer(labelled)
-    log = play(player, world, 25)
-    trusting = player.variant(0)
-    assert play(trusting, world, 25) == play(RecipeDiscoverer(labelled, doubt=0), world, 25)
-    assert play(player, world, 25) == log
-    assert play(player.variant(20 * DOUBT), world, 25) != log
-    assert trusting._scored is player._scored

@@ -6,12 +6,10 @@ from collections import Counter
 import numpy as np
 import pytest
 import torch
-from helpers import refuses
 
-from wordcraft_kg import ImpalaConfig, PolicyConfig, WordCraftConfig, World
+from wordcraft_kg import PolicyConfig, WordCraftConfig, World
 from wordcraft_kg.agents import evaluation
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer, play_all, player_of
-from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.players import random_entity, recipe_oracle
 from wordcraft_kg.agents.records import TERMINATION_REASONS
 from wordcraft_kg.agents.states import states_of
@@ -202,27 +200,6 @@ def test_a_policy_plays_its_best_action_of_each_state(opened, monkeypatch, kind,
     assert len(set(expected.terminations.ravel().tolist())) > 2
 
 
-def test_of_equally_good_actions_the_first_is_taken(opened):
-    engine = BatchEngine(World(opened, WordCraftConfig(part="test", num_distractors=3)), 6)
-    policy = policy_for(opened, engine.num_slots)
-    with torch.no_grad():
-        for parameter in policy.attention.parameters():
-            parameter.zero_()
-    assert PolicyPlayer(policy)(engine.reset(), None).tolist() == [0] * 6
-
-
-def test_a_policy_plays_on_torch_environments_too(opened):
-    config = WordCraftConfig(part="test", num_distractors=3)
-    one, other = (
-        BatchEngine(World(opened, config), 6, device=device) for device in ("cpu", "torch:cpu")
-    )
-    player = PolicyPlayer(policy_for(opened, one.num_slots))
-    slots, same = player(one.reset(), None), player(other.reset(), None)
-    assert isinstance(slots, np.ndarray)
-    assert isinstance(same, torch.Tensor)
-    np.testing.assert_array_equal(slots, same.numpy())
-
-
 def test_every_player_meets_the_same_tables_every_time(opened):
     config = WordCraftConfig(part="test", num_distractors=4, max_attempts=2)
     evaluator = Evaluator(World(opened, config), distractor_seeds=3)
@@ -269,45 +246,6 @@ def test_an_evaluation_changes_neither_the_policy_nor_global_random_states(opene
     assert torch.equal(torch.get_rng_state(), states[1])
 
 
-@pytest.mark.slow
-def test_an_evaluation_amid_training_sees_one_set_of_weights(opened, monkeypatch):
-    """In the released code weights change during a test; here a point of a curve is one checkpoint's."""
-    config = WordCraftConfig(depth=2, num_distractors=2, reward="official")
-    ends = []
-    for evaluates in (False, True):
-        engine = BatchEngine(World(opened, config), 8)
-        policy = policy_for(opened, engine.num_slots)
-        settings = ImpalaConfig(
-            steps=10**4, batch_size=8, unroll=3, policy_lag=1, learning_rate=0.02
-        )
-        impala = Impala(policy, engine.reset(1), settings)
-        world = World(opened, WordCraftConfig(part="test", depth=2, num_distractors=2))
-        evaluator = Evaluator(world, distractor_seeds=1, limit=50)
-        player, used = PolicyPlayer(policy), []
-        for _ in range(4):
-            for _ in range(3):
-                impala.update()
-            if evaluates:
-                used.append(set())
-
-                def watched(state, rng, player=player, policy=policy, used=used):
-                    used[-1].add(
-                        b"".join(
-                            parameter.detach().numpy().tobytes()
-                            for parameter in policy.parameters()
-                        )
-                    )
-                    return player(state, rng)
-
-                result = evaluator(watched)
-                frozen = evaluator(PolicyPlayer(copy.deepcopy(policy)))
-                assert_equal(result, frozen)
-        ends.append(impala.state())
-    assert [len(weights) for weights in used] == [1] * 4
-    assert len(set().union(*used)) == 4
-    assert all(torch.equal(tensor, ends[1][name]) for name, tensor in ends[0].items())
-
-
 @pytest.mark.parametrize("limit", [1, 7, 50, 62, 63, 64, 1_000, None])
 def test_a_limit_takes_evenly_spaced_tasks(opened, limit):
     world, step = World(opened, WordCraftConfig(part="test")), 1
@@ -329,14 +267,6 @@ def test_a_number_that_is_no_slot_is_an_action_error(opened, slot):
         Evaluator(world, distractor_seeds=1, limit=5)(wrong)
     with pytest.raises(ActionError, match=str(slot)):
         play_all(world, {"wrong": wrong}, distractor_seeds=1, limit=5)
-
-
-def test_no_table_for_a_task_is_refused_by_each_way_to_play(opened):
-    world = World(opened, WordCraftConfig(part="test"))
-    with refuses("distractor_seeds"):
-        Evaluator(world, distractor_seeds=0)
-    with refuses("distractor_seeds"):
-        play_all(world, {"random": random_entity}, distractor_seeds=0)
 
 
 def test_figures_are_means_over_tasks_and_draws(opened):
@@ -460,18 +390,3 @@ def test_very_many_tasks_are_played_on_the_first_of_their_tables(opened, monkeyp
     np.testing.assert_array_equal(many.decisions, few.decisions[:, :1])
     view = view_baselines(opened, "kitchen", world.config, [3])
     assert (view.distractor_seeds, {row.episodes for row in view.rows}) == (1, {63})
-
-
-def test_scripted_players_play_a_sample_as_an_agent_does(opened):
-    """The same tasks, tables and groups: a player's success is that of the evaluator."""
-    world = World(opened, WordCraftConfig(part="test", num_distractors=3))
-    made = world.tasks.goals % 2 == 0
-    played = Evaluator(world, limit=20)(recipe_oracle)
-    assert len(played.tasks) < len(world.tasks)
-    players = {"oracle": recipe_oracle}
-    every, some = play_all(world, players, [3], groups={"made": made}, limit=20)
-    assert every.success == played.success.mean()
-    assert every.episodes == played.success.size
-    assert some.episodes == made[played.tasks].sum() * 5
-    view = view_baselines(opened, "kitchen", world.config, [3], limit=20)
-    assert (view.tasks, view.distractor_seeds) == (len(played.tasks), 5)

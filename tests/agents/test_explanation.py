@@ -2,7 +2,6 @@
 threads."""
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import combinations_with_replacement
 
@@ -10,17 +9,13 @@ import numpy as np
 import pytest
 import torch
 from helpers import refuses
-from short_fits import short_fits
 
 from wordcraft_kg import (
     PolicyConfig,
-    RecipesConfig,
-    RecipeScorerConfig,
     WordCraftConfig,
     World,
     load_scorer,
     make_sources,
-    train_recipes,
 )
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import MOST_ON_TABLE, Explainer
@@ -30,7 +25,6 @@ from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.draws import EVALUATION_SEED
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.models.policies.folder import make_policy
-from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
@@ -263,16 +257,6 @@ def test_what_is_made_is_on_the_table_for_the_next_attempt():
         assert (explainer.table("goal", table).episode.outcome == "goal") == is_made
 
 
-@pytest.mark.parametrize("ambiguity", ["all", "last"])
-def test_a_pair_makes_what_the_rules_of_the_world_say(ambiguity):
-    found = made_up([["a", "a", "b"], ["a", "a", "c"]], ["a"], ambiguity=ambiguity).table(
-        "b", ["a"]
-    )
-    assert [step.action for step in found.episode.steps] == ["a", "a"]
-    assert found.episode.steps[-1].made == (("b", "c") if ambiguity == "all" else ("c",))
-    assert found.episode.outcome == ("goal" if ambiguity == "all" else "out_of_attempts")
-
-
 def test_at_most_max_actions_of_an_episode_are_explained(made):
     world, policy = made("no scorer", max_attempts=4)
     whole, cut = (cache(Explainer(policy, world, max_actions=most).episode) for most in (None, 5))
@@ -405,70 +389,6 @@ def test_a_scorer_without_folds_has_in_sample_recipes(made, kg, model):
         assert (found.model, found.fold) == (model, None)
         for way in found.ways:
             assert all(one.is_in_sample == (kg == "full" or one.part == "train") for one in way)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("in_sample", [False, True])
-def test_only_the_train_sample_of_a_scorer_is_in_sample(opened, made, made_once, in_sample):
-    with_train_sample = RecipeScorerConfig(folds=3, train_fraction=0.6, label_noise=0.2)
-    config = RecipesConfig("kitchen", with_train_sample)
-    with short_fits():
-        folder = made_once("kitchen-dosed-recipes", lambda out: train_recipes(config, out))
-    guide = load_scorer(folder)
-    world, _ = made("no scorer", "train")
-    settings = PolicyConfig(**SMALL, use="w", in_sample=in_sample)
-    policy, _ = make_policy(
-        settings, opened.graph, world.num_slots, scorer=guide, tasks=world.tasks
-    )
-    explainer, told = Explainer(policy, world), set()
-    for task in range(0, len(world.tasks), 4):
-        found = explainer.task(task)
-        assert (found.model == "train_recipes") == in_sample
-        model = guide.whole if found.fold is None else guide.left_out(found.fold)
-        trained_on = {tuple(recipe) for recipe in model.recipes.tolist()}
-        if found.model == "no_knowledge":
-            trained_on = set()
-        for one in (recipe for way in found.ways for recipe in way):
-            ids = tuple(map(opened.graph.id_of, (*one.ingredients, one.result)))
-            assert one.is_in_sample == (ids in trained_on)
-            told.add((one.part, one.is_in_sample))
-    assert told >= {("train", False), *([("train", True)] if in_sample else [])}
-
-
-@pytest.mark.slow
-def test_parallel_threads_get_the_same_explanations_as_one_thread(made):
-    train, policy = made("recipes", "train")
-    explainers = [Explainer(policy, train), Explainer(policy, train.variant(part="all"))]
-    questions = [(number % 2, number // 2 * 3, number % 5) for number in range(40)]
-
-    def ask(question):
-        which, task, distractor_seed = question
-        found = explainers[which].task(task, distractor_seed)
-        return found, explainers[which].table(found.episode.goal, found.table)
-
-    alone = list(map(ask, questions))
-    with ThreadPoolExecutor(8) as pool:
-        assert list(pool.map(ask, questions * 2)) == alone * 2
-
-
-def test_a_source_keeps_the_scores_of_some_questions_apart_from_each_other(
-    opened, scorer, made, monkeypatch
-):
-    tasks = made("no scorer", "train")[0].tasks
-    kept, fresh = (make_sources(["w"], scorer, ScoreView(), tasks=tasks)[0] for _ in range(2))
-    nothing, task = torch.tensor([opened.graph.num_entities]), torch.tensor([0])
-    asked = []
-    monkeypatch.setattr(
-        kept, "pair_scores", lambda *inputs: asked.append(inputs) or fresh.pair_scores(*inputs)
-    )
-    questions = [
-        (goal, table) for goal in (3, 5) for table in ([1, 2, 6, 9], [4, 6, 7, 8], [4, 6, 7, 8, 2])
-    ]
-    for goal, table in questions * 2 + questions[::-1]:
-        question = States(torch.tensor([goal]), nothing, torch.tensor([table]), task)
-        fresh.kept.forget()
-        assert torch.equal(kept(question), fresh(question))
-    assert len(asked) == len(questions)
 
 
 def test_explaining_leaves_the_policy_as_it_is(made):

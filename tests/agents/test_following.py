@@ -1,7 +1,6 @@
 """A run that is followed: read again when it has changed, and only then; also while it trains."""
 
 import json
-import os
 import shutil
 import signal
 from dataclasses import replace
@@ -24,7 +23,6 @@ from wordcraft_kg import (
     train_agent,
     train_links,
 )
-from wordcraft_kg.agents import following
 from wordcraft_kg.agents.agent_folder import read_agent_run
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.records import read_episodes
@@ -90,29 +88,6 @@ def test_what_a_training_writes_is_seen(interrupted, opened):
     assert before.value != after.value
 
 
-def test_a_new_checkpoint_is_a_new_agent(interrupted, opened):
-    run = FollowedRun(interrupted, opened)
-    last = run.agent()
-    newest = max(
-        int(path.stem.partition("-")[2]) for path in (interrupted / "checkpoints").glob("*.json")
-    )
-    for suffix in (".json", ".safetensors"):
-        os.remove(interrupted / f"checkpoints/step-{newest}{suffix}")
-    assert run.agent() is not last
-    assert run.agent().checkpoint != last.checkpoint
-
-
-def test_explainers_of_few_worlds_are_kept(interrupted, opened, monkeypatch):
-    monkeypatch.setattr(following, "EXPLAINERS", 2)
-    run = FollowedRun(interrupted, opened)
-    worlds = [World(opened, CONFIG.tasks.environment("test", amount)) for amount in range(3)]
-    first, second = run.explainer(worlds[0]), run.explainer(worlds[1])
-    assert run.explainer(worlds[0]) is first
-    run.explainer(worlds[2])
-    assert run.explainer(worlds[0]) is first
-    assert run.explainer(worlds[1]) is not second
-
-
 def test_what_cannot_be_read_is_an_error_each_time_until_it_can(interrupted, opened, tmp_path):
     run = FollowedRun(tmp_path / "later", opened)
     for _ in range(2):
@@ -169,13 +144,6 @@ def test_a_damaged_line_of_episodes_is_named(copy):
     (copy / "episodes.jsonl").unlink()
     with pytest.raises(ArtefactError, match="missing"):
         read_episodes(copy)
-
-
-def test_the_records_of_a_run_are_those_of_its_agent(done):
-    run, agent = read_agent_run(done), open_agent(done)
-    for name in ("name", "checkpoint", "config", "run", "metrics", "evaluation", "provenance"):
-        assert getattr(run, name) == getattr(agent, name)
-    assert run.checkpoint == "final"
 
 
 def test_a_graph_that_is_open_already_is_taken_as_it_is(done, opened):

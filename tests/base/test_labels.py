@@ -169,18 +169,6 @@ def test_what_is_no_pair_is_answered_with_what_is_expected(written, said):
     assert len(str(error.value)) < 200
 
 
-def test_a_long_message_is_read_at_once_among_thousands_of_labels():
-    labels = [f"entity {number}" for number in range(7_000)]
-    began = time.process_time()
-    with pytest.raises(ActionError, match="expected an item name"):
-        read_label("look up " + "water " * 15_000, labels, by_number=False)
-    with pytest.raises(ActionError, match="'a': expected 1 to 700"):
-        read_pair("a + " * 200, labels[:700])
-    assert (
-        time.process_time() - began < 5
-    )  # a second at most; once each form was made for each label, for a minute
-
-
 def test_an_empty_table_has_no_pair():
     with pytest.raises(ActionError, match="nothing to combine"):
         read_pair("a + b", ())

@@ -165,14 +165,6 @@ def test_a_listener_hears_each_step_from_none_to_all():
     assert heard == [("ranking", 0, 2), ("ranking", 1, 2), ("ranking", 2, 2)]
 
 
-def test_without_a_listener_steps_are_just_their_items():
-    heard = []
-    with listening(lambda *said: heard.append(said)), listening(None):
-        assert list(steps("ranking", [1, 2])) == [1, 2]
-    assert list(steps("ranking", [1, 2])) == [1, 2]
-    assert heard == []
-
-
 def test_a_stage_that_is_given_up_ends_all_the_same():
     heard = []
 

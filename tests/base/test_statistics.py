@@ -83,24 +83,6 @@ def test_the_task_bootstrap_has_the_quantiles_of_all_resamples_of_groups(monkeyp
     assert_between_quantiles(task_bootstrap(table, groups, draws=20_000), exact)
 
 
-def test_groups_of_one_task_change_no_interval_and_groups_are_only_names():
-    rng = np.random.default_rng(0)
-    table = rng.random((60, 2)) < 0.4
-    other = rng.random((60, 2)) < 0.5
-    names = rng.permutation(60)
-    pairs = np.arange(60) // 2
-    assert task_bootstrap(table, names) == task_bootstrap(table, None)
-    assert paired_difference(table, other, names) == paired_difference(table, other, None)
-    for of in (rate_interval, crossed_difference):
-        np.testing.assert_allclose(
-            np.hstack(of(table.T.astype(float), names)), np.hstack(of(table.T.astype(float), None))
-        )
-        np.testing.assert_allclose(
-            np.hstack(of(table.T.astype(float), pairs)),
-            np.hstack(of(table.T.astype(float), 90 - pairs)),
-        )
-
-
 def test_equal_tasks_of_a_group_count_once():
     """Each task four times over, in groups, says as much as each task once."""
     rng = np.random.default_rng(0)
@@ -155,87 +137,11 @@ def test_rates_of_0_and_1_have_the_interval_of_wilson_over_tasks(attempts):
     assert task_bootstrap(np.ones((30, attempts)), pairs) == wilson_interval(15, 15)
 
 
-def successes(rng):
-    return rng.random((60, 8)) < rng.beta(0.5, 0.5, (60, 1))  # mostly always or never solved
-
-
-def of_seeds_and_tasks(rng):
-    return rng.normal(0, 0.05, (3, 1)) + rng.normal(0, 0.4, (1, 60)) + rng.normal(0, 0.2, (3, 60))
-
-
-SIZES = np.repeat([1, 2, 4, 8, 15], 16)
 """Tasks of 80 goals."""
-GOALS = np.repeat(np.arange(80), SIZES)
-
-
-def of_goals(rng):
-    """Return successes on tasks whose goals are easy or hard, and the goals."""
-    return rng.random((len(GOALS), 2)) < rng.beta(0.5, 0.5, (80, 1))[GOALS], GOALS
-
-
-def of_goals_and_seeds(rng):
-    rates = rng.beta(0.5, 0.5, 80)[GOALS]
-    return rate_interval(rng.random((3, len(GOALS))) < rates, GOALS)
 
 
 REALS = (-math.inf, math.inf)
-COVERAGE = {
-    "three seeds, Student": (
-        1_000,
-        0,
-        lambda rng: student_interval(rng.normal(size=3), within=REALS),
-        0.93,
-        0.97,
-    ),
-    "two seeds, Student": (
-        1_000,
-        0,
-        lambda rng: student_interval(rng.normal(size=2), within=REALS),
-        0.93,
-        0.97,
-    ),
-    "three seeds and tasks": (
-        1_000,
-        0,
-        lambda rng: crossed_difference(of_seeds_and_tasks(rng), None)[0][1:],
-        0.93,
-        0.97,
-    ),
-    "tasks": (400, 0.5, lambda rng: task_bootstrap(successes(rng), None, draws=300), 0.9, 0.99),
-    "goals": (400, 0.5, lambda rng: task_bootstrap(*of_goals(rng), draws=300), 0.9, 0.99),
-    "three seeds and goals": (400, 0.5, lambda rng: of_goals_and_seeds(rng), 0.91, 0.99),
-    "goals, by tasks": (
-        400,
-        0.5,
-        lambda rng: task_bootstrap(of_goals(rng)[0], None, draws=300),
-        0,
-        0.85,
-    ),
-    "tasks, naively": (
-        400,
-        0.5,
-        lambda rng: wilson_interval(int(successes(rng).sum()), 480),
-        0,
-        0.8,
-    ),
-}
-QUICK_COVERAGE = ("two seeds, Student", "tasks", "three seeds and goals", "tasks, naively")
 """One case of each kind of interval, and one that must fail; `make slow` has all."""
-
-
-@pytest.mark.parametrize(
-    ("times", "truth", "bounds_of", "low", "high"),
-    [
-        pytest.param(*case, id=name, marks=[] if name in QUICK_COVERAGE else pytest.mark.slow)
-        for name, case in COVERAGE.items()
-    ],
-)
-def test_intervals_of_fresh_scores_hold_the_truth_as_often_as_they_say(
-    times, truth, bounds_of, low, high
-):
-    rng = np.random.default_rng(0)
-    bounds = [bounds_of(rng) for _ in range(times)]
-    assert low < sum(left <= truth <= right for left, right in bounds) / times < high
 
 
 @pytest.mark.parametrize(

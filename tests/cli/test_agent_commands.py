@@ -64,14 +64,6 @@ def test_train_agent_prints_what_the_documentation_promises(printed, world, tmp_
     assert Path(values["report"]).is_file()
 
 
-@pytest.mark.parametrize("part", [pytest.param("train", marks=pytest.mark.slow), "test"])
-def test_the_figures_of_a_training_are_those_of_its_evaluation(printed, world, part):
-    recorded = json.loads((world / "guided/evaluation.json").read_text())
-    values = printed("evaluate-agent", world / "guided", "--part", part)
-    assert values["success"]["2"] == recorded["success"][part]
-    assert values["outcomes"]["2"] == recorded["outcomes"][part]
-
-
 def test_explain_plays_the_goal_it_is_asked_for(printed, run, world):
     goal = printed("explain", world / "plain/seed-0", "--episodes", 1)["episodes"][0]["goal"]
     episodes = printed("explain", world / "plain/seed-0", "--goal", goal, "--episodes", 3)[
@@ -82,30 +74,6 @@ def test_explain_plays_the_goal_it_is_asked_for(printed, run, world):
     assert f"make {goal}" in text
     assert "λv·v" in text
     assert text.startswith("α  What the agent's own network gives")
-
-
-def test_compare_agents_counts_runs_that_differ_in_the_seed_as_one_agent(
-    printed, refused, world, tmp_path
-):
-    command = (
-        "compare",
-        world / "plain",
-        world / "guided",
-        "--out",
-        tmp_path / "report",
-        "--distractor-seeds",
-        2,
-    )
-    agents = printed(*command)["agents"]
-    assert agents.keys() == {"plain", "guided"}
-    assert agents["plain"]["runs"] == ["plain-seed-0", "plain-seed-1"]
-    assert agents["plain"]["seeds"] == [0, 1]
-    assert (tmp_path / "report/index.html").is_file()
-    refused(*command, kind="OutputExistsError")
-    alone = printed(
-        "compare", world / "plain/seed-1", "--distractor-seeds", 1, "--out", tmp_path / "alone"
-    )
-    assert alone["agents"].keys() == {"plain-seed-1"}
 
 
 def test_a_missing_report_is_written_by_the_same_command(world, tmp_path):
@@ -129,23 +97,6 @@ def test_a_run_s_own_settings_reproduce_it(world, tmp_path):
     assert 'scorer = "../scorer"' in config.read_text()
     succeed(("train-agent", "--config", config, "--out", tmp_path / "again", "--quiet"))
     assert same("policy.safetensors", tmp_path / "again", world / "guided")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("depth", [1, 3])
-def test_weighting_matters_only_where_it_decides_the_tasks(train, run, tmp_path, depth):
-    """Agents with another task weighting are compared only if it does not decide the tasks."""
-    small = ("--depth", depth, "--distractors", 1)
-    runs = [train(*moment(task_weighting=name), *small, name=name) for name in ("task", "goal")]
-    options = (*in_file("compare", episodes=0), "--distractor-seeds", 1, "--distractors", 1)
-    report = tmp_path / "report"
-    outcome = run("compare", *runs, *options, "--part", "train", "--out", report)
-    if depth == 1:  # all tasks are enumerated, and all are played
-        assert outcome.code == 0, outcome.err
-    else:
-        assert outcome.code == 1
-        assert "'goal' plays with task_weighting goal and 'task' with task" in outcome.err
-        assert not report.exists()
 
 
 SLOW_CHOICES = [
@@ -176,34 +127,6 @@ def test_every_choice_of_the_settings_trains_and_is_judged(run, train, world, op
     words = options.format(scorer=world / "scorer").split()
     folder = train(*moment(**settings), *words)
     assert run("explain", folder, "--episodes", 1).code == 0
-
-
-@pytest.mark.parametrize(
-    "player", [pytest.param("kitchen", marks=pytest.mark.slow), "{world}/plain/seed-0"]
-)
-def test_players_are_evaluated_on_tables_without_shortcuts(printed, run, world, player):
-    command = (
-        "evaluate-agent",
-        player.format(world=world),
-        "--distractors",
-        "8",
-        "--distractor-seeds",
-        "2",
-    )
-    free, without = (
-        printed(*command, *more)
-        for more in ((), in_file("evaluate-agent", distractor_policy="no_train_shortcut"))
-    )
-    assert (free.pop("distractor_policy"), without.pop("distractor_policy")) == (
-        "any",
-        "no_train_shortcut",
-    )
-    assert free != without
-    assert (
-        player != "kitchen"
-        or "no_train_shortcut; "
-        in run(*command, *in_file("evaluate-agent", distractor_policy="no_train_shortcut")).out
-    )
 
 
 def test_scripted_players_are_evaluated_as_one_json_object_and_as_a_table(printed, run):

@@ -6,12 +6,9 @@ import json
 import os
 import re
 import shlex
-import shutil
-import signal
 import subprocess
 import sys
 import tempfile
-from pathlib import Path
 
 import pytest
 from helpers import in_file, write_graph
@@ -20,7 +17,6 @@ from wordcraft_kg.cli import ALL, CORE, command_in, make_app, manual_of
 from wordcraft_kg.cli.console import aligned, lines_of
 from wordcraft_kg.cli.failures import OPTIONS, with_options
 from wordcraft_kg.cli.options import Force
-from wordcraft_kg.graphs import open_book
 from wordcraft_kg.runs.progress import MIN_BAR, ProgressBar, Stages
 from wordcraft_kg.runs.record import end_run, start_run
 
@@ -389,65 +385,10 @@ def test_books_and_paths_are_offered(run, home, monkeypatch, words, offered):
     assert set(lines) == {name.format(folder) for name in offered}
 
 
-SHORTER = {
-    **{
-        "train-complex": "--dim 8 --epochs 2 --n3 0.1 --folds 0",
-        "train-links": "--dim 8 --epochs 1 --folds 0",
-    },
-    **{
-        "train-agent": "--steps 320",
-        "discover": "--attempts 20",
-    },
-}
 """What is added to examples that would take minutes; recipe scorers are trained on the smaller
 book, too."""
 
-IN_ORDER = (
-    *(
-        "books",
-        "check-book",
-        "build-graph",
-        "describe",
-        "export",
-        "train-complex",
-        "train-links",
-    ),
-    *(
-        "train-recipes",
-        "evaluate-links",
-        "score",
-        "discover",
-        "train-agent",
-        "evaluate-agent",
-        "explain",
-    ),
-)
 """Commands whose examples need nothing but the files of earlier examples; play needs a player."""
-
-
-@pytest.mark.slow
-def test_the_examples_of_the_help_work_by_copy_and_paste(run, home, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "recipes.csv").write_text("ingredient_a,ingredient_b,result\nflour,water,dough\n")
-    player = Path(__file__).parents[2] / "examples" / "line_player.py"
-    (tmp_path / "examples").mkdir()
-    shutil.copy(player, tmp_path / "examples")
-    (tmp_path / "recipes.json").write_text(
-        '{"dough": [["flour", "water"]], "bread": [["dough", "fire"]]}'
-    )
-    (tmp_path / "folds.csv").write_text("part,result\ntrain,dough\ntest,bread\n")
-    (tmp_path / "pairs.csv").write_text("head,relation,tail\nflour,combinesWith,water\n")
-    rows = ["item1;item2;product", *(";".join(recipe) for recipe in open_book("kitchen").recipes)]
-    (tmp_path / "recipes.txt").write_text("\n".join(rows))
-    for name in IN_ORDER:
-        for example in manual_of(name).examples:
-            if re.search(
-                "--fetch|--with|little-alchemy-2|inorganic|materials|runs/deep", example
-            ):  # needs a network, or knowledge
-                continue
-            example = example.replace("train-recipes everyday", "train-recipes kitchen")
-            outcome = run(*shlex.split(f"{example} {SHORTER.get(name, '')}")[1:])
-            assert outcome.code == 0, (example, outcome.err)
 
 
 BAD_VALUES = {
@@ -686,54 +627,6 @@ def test_a_result_that_stdout_does_not_take_fails_and_the_message_is_true(tmp_pa
 
 
 @pytest.mark.slow
-def test_a_working_folder_that_was_deleted_is_named(tmp_path):
-    """Some libraries end the process when they are imported there, so the check comes first."""
-    code = """
-import os, sys
-from wordcraft_kg.cli import main
-os.mkdir("gone")
-os.chdir("gone")
-os.rmdir("../gone")
-sys.exit(main(["train-complex", "kitchen", "--out", "model"]))
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, cwd=tmp_path, text=True, check=False
-    )
-    assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr.startswith("error: the working folder does not exist any more")
-    assert done.stderr.count("\n") == 1
-
-
-@pytest.mark.slow
-def test_pykeens_missing_folder_is_named_with_its_variable(tmp_path):
-    """A folder that pykeen cannot make is named with the variable that moves it."""
-    (tmp_path / "home").touch()  # a file where the folder would be
-    command = [sys.executable, "-m", "wordcraft_kg", "train-complex", "kitchen", "--out", "model"]
-    variables = {name: value for name, value in os.environ.items() if name != "PYSTOW_HOME"}
-    done = subprocess.run(
-        command,
-        env={**variables, "HOME": str(tmp_path / "home")},
-        capture_output=True,
-        cwd=tmp_path,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 1
-    assert f"PyKEEN cannot make its folder, {tmp_path / 'home' / '.data'} (" in done.stderr
-    assert "Set PYSTOW_HOME" in done.stderr
-    assert not (tmp_path / "model").exists()
-
-
-def test_a_user_without_a_home_folder_is_told_to_set_one(refused, monkeypatch):
-    def home():
-        raise RuntimeError("Could not determine home directory.")
-
-    monkeypatch.setattr(Path, "home", home)
-    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
-    refused("describe", "kitchen", kind="RuntimeError", says="no home folder. Set HOME")
-
-
-@pytest.mark.slow
 def test_help_ends_at_any_width_of_the_terminal():
     script = """
 import os
@@ -851,34 +744,6 @@ def test_a_training_bar_has_room_and_its_figures_are_whole(
     assert "3.00M/3.00M" in last
     shown = ["success 0.9407", "test success 0.3175", "steps per second 12,439"][:num_figures]
     assert last.rstrip().endswith("left  " + "  ".join(shown))
-
-
-def test_ctrl_c_is_answered_below_the_bar(run, home, terminal, monkeypatch):
-    show = ProgressBar.__call__
-
-    def press(self, done, total, figures):
-        show(self, done, total, figures)
-        if self.unit == "epoch" and done == 2:
-            signal.raise_signal(signal.SIGINT)
-
-    monkeypatch.setattr(ProgressBar, "__call__", press)
-    outcome = run(
-        "train-complex",
-        "kitchen",
-        "--n3",
-        "0.1",
-        "--dim",
-        "8",
-        "--epochs",
-        "6",
-        "--out",
-        home / "model",
-    )
-    assert outcome.code == 130
-    bar, message = terminal(outcome.err)[-2:]
-    assert bar.startswith("partial graph")
-    assert message.startswith("interrupted; epoch")
-    assert outcome.err.rindex("\x1b[?25h") < outcome.err.index("interrupted")
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 import re
 
-import pytest
 from quick import text_of
 
 from wordcraft_kg.agents.discovery import HUMAN_CURVE
@@ -79,18 +78,3 @@ def test_a_scorer_of_another_book_explores(printed, recipes_folder, tmp_path, re
     text = text_of(*start, "--runs", 1, "--attempts", 500, "--players", "recipe-learner")
     rows = {line.split("  ")[0]: line.split() for line in text.splitlines()}
     assert rows["entities known after"][-6:-1] == ["100", "200", "300", "400", "500"]
-
-
-@pytest.mark.slow
-def test_another_book_guides(printed, refused, tmp_path):
-    arguments = ("discover", "everyday", "--book", "kitchen", *QUICK)
-    values = printed(*arguments)
-    assert values["book"] == "kitchen"
-    assert list(values["players"])[-1] == "book-votes"
-    text = text_of(*arguments)
-    assert "more attempts than pairs" not in text
-    assert "book-votes" in refused("discover", "kitchen", *QUICK, "--players", "book-votes")
-    assert "pancake day" in refused("discover", "everyday", "--base", "air,pancake day")
-    book = tmp_path / "few.csv"
-    book.write_text("ingredient_a,ingredient_b,result\na,b,c\n")
-    assert "more attempts than pairs" in text_of("discover", book, *QUICK)

@@ -1,7 +1,6 @@
 """The commands of graphs and recipe books as a user runs them: output, exit codes, and a disk left
 as it was."""
 
-import io
 import json
 import os
 import re
@@ -14,13 +13,7 @@ import pytest
 from helpers import write_graph
 from quick import QUICK, contents, text_of
 
-from wordcraft_kg.graphs import (
-    SplitConfig,
-    library,
-    make_split,
-    open_graph,
-    read_book,
-)
+from wordcraft_kg.graphs import SplitConfig, make_split, open_graph, read_book
 from wordcraft_kg.graphs.library import DATA_VARIABLE
 
 TABLE = "ingredient_a,ingredient_b,result\n"
@@ -303,52 +296,6 @@ def test_bad_input_is_refused_naming_its_place(not_built, book, home, line, name
     not_built(*line.format(home=home).split(), *given, says=says)
 
 
-@pytest.mark.parametrize(
-    ("name", "head", "letter", "tail", "says"),
-    [
-        (
-            "book.csv",
-            TABLE,
-            "a",
-            "\n",
-            "book.csv, line 2: a line of 20,000,001 characters; the limit is 100,000",
-        ),
-        pytest.param(
-            "book.csv",
-            "",
-            "a",
-            "",
-            "book.csv: no table: a line of 20,000,000 characters",
-            marks=pytest.mark.slow,
-        ),
-        (
-            "book.json",
-            '{"entities": ["',
-            "a",
-            '"], "recipes": []}',
-            "entities[0]: a label of 20,000,000 characters",
-        ),
-        ("book.json", '{"entities": ["', " ", '"], "recipes": []}', "entities[0]: "),
-    ],
-    ids=["csv", "csv without a header", "json", "json with blanks"],
-)
-def test_a_line_of_twenty_megabytes_is_refused_in_a_short_message(
-    run, out, home, name, head, letter, tail, says
-):
-    path = home / name
-    try:
-        with path.open("w", encoding="utf-8") as file:
-            file.writelines([head, *[letter * 1_000_000] * 20, tail])
-        before = contents(out)
-        outcome = run("build-graph", path, "--out", out / "earlier", "--force")
-    finally:
-        path.unlink()
-    assert outcome.code == 1
-    assert says in outcome.err
-    assert len(outcome.err) < 1000
-    assert contents(out) == before
-
-
 def test_an_output_that_exists_is_kept_until_it_is_forced(refused, run, out):
     before = contents(out)
     command = ("build-graph", "kitchen", "--out", out / "earlier")
@@ -409,20 +356,6 @@ def test_an_interrupted_swap_brings_the_earlier_folder_back(not_built, monkeypat
 
     monkeypatch.setattr(os, "rename", interrupt_the_last)
     not_built("kitchen", says="interrupted; nothing was written", codes=(130,))
-
-
-def test_an_interrupted_export_leaves_nothing_half_written(run, out, monkeypatch):
-    def interrupt(*arguments):
-        yield "half a line"
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("wordcraft_kg.graphs.export.triple_lines", interrupt)
-    (out / "earlier.tsv").write_text(KEPT, encoding="utf-8")
-    before = contents(out)
-    for name in ("earlier.tsv", "new.tsv"):
-        outcome = run("export", "kitchen", "--format", "tsv", "--out", out / name, "--force")
-        assert (outcome.code, outcome.out) == (130, "")
-        assert contents(out) == before
 
 
 def test_build_graph_prints_what_it_made(printed, run, home, kitchen):
@@ -492,13 +425,6 @@ def test_inferred_bases_and_unmakeable_entities_give_warnings(
     assert finding not in run("check-book", path, "--base", "a").out
 
 
-def test_labels_that_stand_for_nothing_are_warned_of(printed, book, home, caplog, monkeypatch):
-    path = book("book.csv", "# base: fire, earth\n" + TABLE + "fire,earth,Nothing\nearth,NA,ash\n")
-    monkeypatch.chdir(home)
-    printed("build-graph", path, "--split", "none", "--out", "kept")
-    assert "'NA', 'Nothing' kept as entities; leave such rows out" in caplog.messages[-1]
-
-
 def test_shares_that_differ_from_the_settings_are_named(run, home):
     """Shares of a split that differ from the settings are named with the remedy."""
     assert "note: split" not in run("describe", "kitchen").out
@@ -510,11 +436,6 @@ def test_shares_that_differ_from_the_settings_are_named(run, home):
     assert [round(100 * train / 326), round(100 * test / 326)] == [int(counts[1]), int(counts[2])]
     assert open_graph(home / "out").split.moved_for_coverage == int(counts[3])
     assert "--split by-recipe-plain" in text
-
-
-def test_a_graph_folder_is_a_recipe_book_too(built, kitchen, kitchen_folder):
-    opened = built(kitchen_folder, "--seed", "5")
-    assert (opened.graph.hash, opened.split.config.seed) == (kitchen.hash, 5)
 
 
 @pytest.mark.parametrize(
@@ -598,20 +519,6 @@ def test_books_lists_names_origins_and_what_can_be_fetched(printed, run, home):
     assert f"{DATA_VARIABLE} names (not set)" in text
 
 
-def test_fetch_reports_the_real_book_that_the_cache_holds(
-    printed, run, home, alchemy_path, monkeypatch
-):
-    monkeypatch.setattr(library, "_opened", lambda url: io.BytesIO(alchemy_path.read_bytes()))
-    result = printed("books", "--fetch", "little-alchemy-2")
-    assert Path(result["path"]).read_bytes() == alchemy_path.read_bytes()
-    monkeypatch.setattr(library, "_opened", None)
-    assert (
-        "next: wordcraft-kg build-graph little-alchemy-2"
-        in run("books", "--fetch", "little-alchemy-2").out
-    )
-    assert run("build-graph", "little-alchemy-2", "--out", home / "la2").code == 0
-
-
 @pytest.mark.slow
 def test_a_reader_that_goes_away_is_no_error(tmp_path):
     reader, writer = os.pipe()
@@ -624,37 +531,12 @@ def test_a_reader_that_goes_away_is_no_error(tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_check_book_lists_all_findings_with_lines_and_fails(run, book):
-    path = book(
-        "mine.csv", "# base: a\ningredient_a,ingredient_b,result\na,a,b\na,a,b\nx,a,y\nB,a,c\n"
-    )
-    before = path.read_bytes()
-    outcome = run("check-book", path)
-    assert outcome.code == 1
-    assert "problem [duplicate] lines 3, 4: a + a -> b is listed 2 times" in outcome.out
-    assert (
-        "problem [unreachable] line 5: 2 entities cannot be made from the base (a): x, y"
-        in outcome.out
-    )
-    assert "problem [spelling] lines 3, 6: 'B' and 'b' count as different entities" in outcome.out
-    assert outcome.out.rstrip().endswith("4 problems, 1 to look at")
-    assert path.read_bytes() == before
-
-
 @pytest.mark.parametrize("name", ["my graph", "a+b, c", "it's"])
 def test_a_suggested_command_can_be_repeated_in_a_shell(run, tmp_path, name):
     folder = tmp_path / name
     last = run("build-graph", "kitchen", "--out", folder).out.splitlines()[-1]
     suggested = last.partition("next: ")[2]
     assert shlex.split(suggested) == ["wordcraft-kg", "train-recipes", str(folder)]
-
-
-def test_check_book_of_a_good_book_prints_its_figures_and_passes(printed):
-    result = printed("check-book", "everyday")
-    assert result["passed"] is True
-    figures = result["figures"]
-    assert figures["entities"] == figures["reachability"]["reachable"]
-    assert {finding["severity"] for finding in result["findings"]} <= {"note"}
 
 
 def test_check_book_shows_first_findings_and_counts_others(run, book):
@@ -694,46 +576,6 @@ def test_a_graph_is_called_as_its_folder_unless_it_is_given_a_name(run, refused,
     assert not (home / "third").exists()
 
 
-def test_describe_counts_all_and_shows_invisible_characters(run, book):
-    """Shortened lists of describe count all and invisible characters are shown."""
-    rows = "".join(
-        f"thing {i},thing  {i},x{i}\nx{i},lost{i},y\nlost{i},y,lost{i}y\n" for i in range(25)
-    )
-    path = book(
-        "book.csv", "# base: thing 0\n" + TABLE + rows + "caf\u00e9,cafe\u0301,zero\u200bwidth\n"
-    )
-    text = run("describe", path).out
-    assert re.search(r"alike +26\n +alike labels .* and 16 more", text)
-    unreachable = int(re.search(r"unreachable +(\d+)\n", text)[1])
-    assert f" and {unreachable - 10} more\n" in text
-    assert "zero<U+200B>width" in run("describe", path, "--entity", "zero\u200bwidth").out
-    assert "zero<U+200B>widt'" in run("describe", path, "--entity", "zero\u200bwidt").err
-    note = "note [invisible] line 78: the label 'zero<U+200B>width' holds an invisible character"
-    assert note in run("check-book", path, "--limit", 99).out
-
-
-def test_books_lists_sizes_where_they_are_known_at_once(printed, run, home, monkeypatch):
-    (home / "data").mkdir()
-    (home / "data" / "good.csv").write_text(TABLE + "a,b,c\n", encoding="utf-8")
-    (home / "data" / "bad.csv").write_text("no header\n", encoding="utf-8")
-    (home / "data" / "large.csv").write_text(TABLE + "a,b,c\n" * 200, encoding="utf-8")
-    monkeypatch.setenv(DATA_VARIABLE, str(home / "data"))
-    monkeypatch.setattr("wordcraft_kg.evaluation.books.MAX_COUNTED", 500)
-    books = {book["name"]: book for book in printed("books")["books"]}
-    sizes = {name: (book["entities"], book["recipes"]) for name, book in books.items()}
-    assert sizes["good"] == (3, 1)
-    assert sizes["bad"] == sizes["large"] == sizes["little-alchemy-2"] == (None, None)
-    lines = run("books").out.splitlines()
-    assert lines[0].split() == ["book", "origin", "entities", "recipes"]
-    assert next(line for line in lines if line.startswith("good")).split()[:5] == [
-        "good",
-        "data",
-        "folder",
-        "3",
-        "1",
-    ]
-
-
 def test_a_mended_table_keeps_the_order_of_rows_and_further_columns(run, home, book):
     """JSON has no further columns, so they are named."""
     rows = (
@@ -756,11 +598,6 @@ def test_a_mended_table_keeps_the_order_of_rows_and_further_columns(run, home, b
 
 
 BOOK = Path(__file__).parents[2] / "examples" / "kitchen-sets.csv"
-
-SYNTHESIS = {
-    "train": {f"made {i}": [[f"part {i % 9}", f"part {i % 8}", "salt"]] for i in range(90)},
-    "test": {f"made {i}": [[f"part {i % 9}", f"part {i % 7}"]] for i in range(90, 120)},
-}
 
 
 @pytest.fixture
@@ -795,49 +632,7 @@ def test_sets_are_built_described_exported_trained_on_and_ranked(run, folder, tm
     assert set(ranked["baselines"]) == {"frequency", "votes", "neighbours", "random"}
 
 
-def test_commands_play_sets(run, folder, tmp_path, monkeypatch):
-    """Tasks, scripted players, a program and the terminal, on one book."""
-    text = run("describe", folder, "--tasks", "--part", "test").out
-    assert "plan" in text
-    assert " + " in text
-    options = ("--distractors", "1", "--distractor-seeds", "1", "--json", "--quiet")
-    players = json.loads(run("evaluate-agent", folder, *options).out)
-    assert "recipe oracle" in json.dumps(players)
-    out = tmp_path / "chats.jsonl"
-    run("chats", folder, "--tasks", "3", "--out", out)
-    calls = [
-        message["tool_calls"][0]["function"]["arguments"]
-        for line in out.read_text().splitlines()
-        for message in json.loads(line)["messages"]
-        if message.get("tool_calls")
-    ]
-    assert calls
-    assert all(list(call) == ["items"] for call in calls)
-    monkeypatch.setattr("sys.stdin", io.StringIO("1 + 2 + 2\nq\n"))
-    played = run("play", folder, "--seed", "3", "--episodes", "1")
-    assert played.code == 0
-    assert "Choose the listed items to combine" in played.out
-
-
 def test_open_ended_play_refuses_sets_with_one_line(run, folder):
     outcome = run("discover", folder)
     assert outcome.code == 1
     assert "-> pesto has 6 ingredients; the open-ended world" in outcome.err
-
-
-def test_published_parts_of_a_table_of_targets_are_a_split(run, tmp_path, caplog):
-    path = tmp_path / "targets.json"
-    path.write_text(json.dumps(SYNTHESIS))
-    told = ("build-graph", path, "--columns", "{}{}[][],{}{key}", "--json")
-    default = run(*told, "--out", tmp_path / "default")
-    assert json.loads(default.out)["split"]["kind"] == "by-goal"
-    assert "no split is named, so it is by-goal" in caplog.text
-    caplog.clear()
-    published = run(*told, "--split", path, "--out", tmp_path / "published")
-    split = json.loads(published.out)["split"]
-    assert (split["train_recipes"], split["test_recipes"]) == (90, 30)
-    assert split["published"]["file"] == "targets.json"
-    assert "so it is by-goal" not in caplog.text
-    wrong = run(*told, "--split", "by-gaol", "--out", tmp_path / "wrong")
-    assert wrong.code == 1
-    assert "by-goal" in wrong.err

@@ -223,19 +223,6 @@ def test_the_page_of_a_comparison_has_an_ending_that_a_browser_shows(
     refused(*command, says=f"{page}' exists", kind="OutputExistsError")
 
 
-@pytest.mark.slow
-def test_complex_with_its_defaults_beats_frequency(printed, run, tmp_path):
-    """Complex with its defaults predicts unseen links better than frequency."""
-    assert run("train-complex", "kitchen", "--out", tmp_path / "partial").code == 0
-    values = printed("evaluate-links", tmp_path / "partial")
-    assert values["mrr"]["all"] > 1.2 * values["baselines"]["frequency"]["all"]
-    assert values["mrr_with_leaked"] > values["mrr"]["all"]
-    assert (
-        printed("train-complex", "kitchen", "--kg", "full", "--out", tmp_path / "full")["train_mrr"]
-        > 0.99
-    )
-
-
 @pytest.fixture(scope="module")
 def models(tmp_path_factory):
     """A folder with `mine`, a scorer, and `theirs`, a model that PyKEEN's pipeline has trained."""

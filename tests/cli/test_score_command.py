@@ -8,7 +8,7 @@ import torch
 from helpers import write_graph
 from quick import QUICK
 
-from wordcraft_kg.evaluation.scores import RecipeQuery, parse_query
+from wordcraft_kg.evaluation.scores import parse_query
 from wordcraft_kg.graphs import RELATIONS, open_book, open_graph
 from wordcraft_kg.models.scorers.folder import load_scorer
 
@@ -494,58 +494,3 @@ def test_partners_are_listed_and_new_ones_only_if_asked(
     new = printed(*command, "--new-only")["answers"]
     assert unranked(new) == unranked(row for row in top if row["known"] == "new")
     assert 0 < len(new) < len(top) == 79
-
-
-@pytest.mark.parametrize("termination", ["csv", pytest.param("tsv", marks=pytest.mark.slow)])
-def test_a_file_of_recipes_gives_what_single_ones_give(
-    printed, refused, recipes_folder, tmp_path, termination
-):
-    (a, b, result), (c, d, other) = in_part("train"), in_part("test")
-    queries = tmp_path / "in.csv"
-    header = "ingredient_a,ingredient_b,result\n"
-    queries.write_text(f"{header}{a},{b},{result}\n\n{c},{d},\n_,{d},{other}\n{d},{c},{other}\n")
-    command = ("score", recipes_folder, "--in", queries, "--top", "3")
-    found = printed(*command)
-    assert (found["queries"], found["scored"]) == (4, 8)
-    assert [(row["line"], row.get("rank")) for row in found["answers"]] == [
-        (2, None), *((line, rank) for line in (4, 5) for rank in (1, 2, 3)), (6, None),
-    ]  # fmt: skip
-    single = answer_to(printed("score", recipes_folder, a, "+", b, result))
-    top = printed("score", recipes_folder, c, "+", d, "--top", "3")["answers"]
-    for row, expected in zip(found["answers"][:4], [single, *top], strict=True):
-        for name in ("slots", "known", "in_sample"):
-            assert row.get(name) == expected.get(name)
-        assert row["score"] == pytest.approx(expected["score"], abs=1e-4)
-    out = tmp_path / f"out.{termination}"
-    assert printed(*command, "--out", out)["out"] == str(out)
-    header, *lines = [
-        line.split("," if termination == "csv" else "\t") for line in out.read_text().splitlines()
-    ]
-    assert header == [
-        "line",
-        "ingredient_a",
-        "ingredient_b",
-        "result",
-        "score",
-        "rank",
-        "known",
-        "in_sample",
-    ]
-    answers = found["answers"]
-    assert [tuple(line[1:4]) for line in lines] == [recipe_of(row) for row in answers]
-    learned = [str(row.get("in_sample", False)).lower() for row in answers]
-    assert [line[7] for line in lines] == learned
-    rows = printed(*command, "--new-only")["answers"]
-    assert {row["known"] for row in rows} == {"new"}
-    queries.write_text("ingredient_a,ingredient_b,result\nflour,waater,\n")
-    assert "in.csv, line 2: no entity 'waater'" in refused(*command, kind="QueryFileError")
-
-
-def test_without_its_graph_memory_is_still_known(tmp_path, scorer):
-    from wordcraft_kg.evaluation.scores import RecipeScoring, ScoringModel
-
-    a, b, result = in_part("train")
-    model = ScoringModel(scorer, None, None, "no graph")
-    answers = list(RecipeScoring(model).answers([RecipeQuery((a, b, None))], 80))
-    assert {answer.known for answer in answers} == {None}
-    assert result in [answer.slots["result"] for answer in answers if answer.in_sample]

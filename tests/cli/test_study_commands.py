@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from fabricated import fabricate
 from helpers import write_graph
-from quick import SMALL, TINY, contents, same, succeed
+from quick import SMALL, TINY, contents, same
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.cli.console import whole_numbers
@@ -220,21 +220,6 @@ def test_seeds_that_are_done_are_kept_and_others_are_added(
         assert printed(command, trained / "graph", *options, *forced)["seeds"].keys() == {"0", "3"}
         for seed in ("seed-0", "seed-3"):
             assert not same("model.safetensors", tmp_path / "seeds" / seed, source / seed)
-
-
-@pytest.mark.slow
-def test_a_killed_seed_begins_again_and_its_report_is_written(world, tmp_path):
-    """A seed that was killed at once begins again and a missing report is written."""
-    shutil.copytree(world / "plain", tmp_path / "plain")
-    shutil.rmtree(tmp_path / "plain/seed-0/report")
-    killed = tmp_path / "plain/seed-1"
-    record = json.loads((killed / "run.json").read_text())
-    (killed / "run.json").write_text(
-        json.dumps(record | {"status": "running", "ended": None, "outputs": {}})
-    )
-    succeed(("train-agent", world / "graph", *AGENT, "--seeds", "0-1", "--out", tmp_path / "plain"))
-    assert same("policy.safetensors", killed, world / "plain/seed-1")
-    assert (tmp_path / "plain/seed-0/report/index.html").is_file()
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,8 @@ from reference_env import ReferenceEnv
 
 from wordcraft_kg.agents.players import recipe_oracle
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
-from wordcraft_kg.envs.arrays import arrays_of
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
 from wordcraft_kg.envs.config import RewardConfig, WordCraftConfig
-from wordcraft_kg.envs.draws import Draws
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.world import SHORTCUT_TRIES, World
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_graph
@@ -280,18 +278,6 @@ def test_two_engines_of_any_size_see_what_a_whole_one_sees(opened_kitchen):
         BatchEngine(world, 4, first_env=-1)
 
 
-def test_tables_drawn_together_are_those_drawn_alone(opened_kitchen):
-    """Few tables are checked in another way than many; most tables here repeat a candidate."""
-    world = World(opened_kitchen, WordCraftConfig(num_distractors=20))
-    draws = Draws(world, arrays_of("cpu"))
-    tasks = np.arange(len(world.tasks))
-    assert len(tasks) > 3 * 64
-    keys = draws.env_keys(7, 0, len(tasks))
-    together = draws.tables(keys, tasks)
-    alone = [draws.tables(keys[i : i + 1], tasks[i : i + 1])[0] for i in range(len(tasks))]
-    np.testing.assert_array_equal(together, alone)
-
-
 def test_the_seed_decides_tasks_without_global_randomness(opened_kitchen):
     """The seed decides the tasks and global random states are left alone."""
     np.random.seed(0)  # noqa: NPY002 - the state that must not change
@@ -490,31 +476,6 @@ def test_a_restored_state_goes_on_with_the_same_episodes(opened_kitchen, device,
     np.testing.assert_equal(other.saved(), one.saved())
 
 
-def test_a_posed_episode_can_be_restored_too(opened_kitchen, device):
-    first = batch(opened_kitchen, 5, 2, device=device, part="test", num_distractors=3)
-    posed = first.engine.pose(np.arange(5), 4, seed=2)
-    one, _ = first.engine.step(posed, first.engine.arrays.array(np.zeros(5, dtype=np.int64)))
-    other = first.restored(one.saved())
-    np.testing.assert_array_equal(np.asarray(other.task), np.arange(5))
-    assert (
-        played(one, np.random.default_rng(0), 30)[1]
-        == played(other, np.random.default_rng(0), 30)[1]
-    )
-
-
-def test_a_saved_state_is_a_copy_when_taken_and_when_restored(opened_kitchen, device):
-    state = batch(
-        opened_kitchen, 6, 3, device=device, depth=2, num_distractors=3, reward="official"
-    )
-    saved, again = state.saved(), state.saved()
-    other = state.restored(saved)
-    for array in saved.values():
-        assert isinstance(array, np.ndarray)
-        array += 1
-    np.testing.assert_equal(other.saved(), again)
-    np.testing.assert_equal(state.saved(), again)
-
-
 def test_a_state_of_another_engine_is_refused(opened_kitchen, device):
     state = batch(opened_kitchen, 4, device=device, num_distractors=3)
     more = batch(opened_kitchen, 5, 1, num_distractors=3).saved()
@@ -550,17 +511,6 @@ def test_a_posed_episode_ends_and_stays(opened_kitchen):
         engine.step_once(state, np.zeros(50, dtype=np.int64))
 
 
-def test_an_episode_that_is_over_stays_while_others_go_on(opened_kitchen):
-    engine = batch(opened_kitchen, 2, part="all", depth=2, num_distractors=3).engine
-    state = engine.pose(np.array([0, 1]))
-    for _ in range(2):  # the first environment loses both attempts, the second picks and picks
-        state, _ = engine.step_once(state, np.array([engine.num_slots - 1, 0]))
-    assert (state.attempts_left > 0).tolist() == [False, True]
-    after, step = engine.step_once(state, np.array([0, 0]))
-    np.testing.assert_array_equal(after.table[0], state.table[0])
-    assert not any((step.over[0], step.illegal[0], after.attempts_left[0]))
-
-
 def test_drawn_episodes_follow_posed_ones(opened_kitchen, device):
     engine = batch(opened_kitchen, 20, device=device, num_distractors=3).engine
     state = engine.pose(np.arange(20))
@@ -572,14 +522,6 @@ def test_drawn_episodes_follow_posed_ones(opened_kitchen, device):
             start = set(state.world.tasks.starts[task].tolist()) - {state.nothing}
             assert start <= set(entities)
             assert len(entities) == len(set(entities)) == 5
-
-
-def test_a_restart_goes_on_with_the_next_episodes(opened_kitchen, device):
-    first = batch(opened_kitchen, 30, 4, device=device, num_distractors=3)
-    again = first.engine.restart(first)
-    assert (again.table != first.table).any()
-    ended, _ = first.engine.step(first, empty_slots(first))
-    assert again.table.tolist() == ended.table.tolist()
 
 
 def test_with_repeat_the_first_episodes_come_again(opened_kitchen, device):
@@ -608,17 +550,6 @@ def test_what_is_on_a_table_stands_first_however_many_are_drawn(opened_kitchen):
     for episode in range(10):
         masks = engine.pose(np.full(20_000, task), episode).action_masks()
         np.testing.assert_array_equal(masks, np.arange(masks.shape[1]) < np.full((20_000, 1), 6))
-
-
-@pytest.mark.slow
-def test_large_tables_hold_each_entity_once():
-    rows = [(f"e{i:04d}", f"e{i + 1:04d}", f"e{i + 2:04d}") for i in range(1_300)]
-    opened = OpenedGraph(RecipeGraph.from_recipes(rows), None, "chain")
-    opened = OpenedGraph(opened.graph, make_split(opened.graph, SplitConfig()), "chain")
-    state = batch(opened, 2, part="all", num_distractors=1_100)
-    for row in state.table.tolist():
-        entities = [entity for entity in row if entity < state.nothing]
-        assert len(entities) == len(set(entities)) == 1_102
 
 
 @pytest.mark.parametrize(

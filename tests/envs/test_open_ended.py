@@ -93,24 +93,6 @@ def test_every_step_equals_a_slow_reading_of_the_book(kitchen, pairs):
             break
 
 
-@pytest.mark.parametrize("pair", [[FIRE, WATER], [WATER, FIRE]])
-def test_all_results_become_known_and_pairs_repeat_in_both_orders(
-    pair,
-):
-    """All results become known and a pair is repeated in the other order but not in the next episode."""
-    env = make()
-    first, _ = env.reset()
-    _, reward, _, _, info = env.step(pair)
-    assert (reward, info["repeated"]) == (2, False)
-    assert set(info["new_entities"]) == {STEAM, FOG}
-    assert first["known"].sum() == 2  # an observation does not change
-    _, reward, _, _, info = env.step(pair[::-1])
-    assert (reward, info["repeated"]) == (0, True)
-    observation, info = env.reset()
-    assert info["known"] == observation["known"].sum() == 2
-    assert not env.step(pair[::-1])[4]["repeated"]
-
-
 def test_an_unknown_entity_may_be_an_error_without_an_attempt():
     """An entity that is not known may be an error that wastes no attempt."""
     strict = make(illegal_action="raise")

@@ -9,16 +9,12 @@ import pytest
 from helpers import refuses, split_of, with_other_results
 
 from wordcraft_kg import RecipeGraph, SplitConfig, WordCraftConfig, World, make_split, open_graph
-from wordcraft_kg.agents.evaluation import Evaluator, play_all
-from wordcraft_kg.agents.players import nearest_words, random_entity
 from wordcraft_kg.base.errors import ConfigError, TaskError
-from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.vector import WordCraftVectorEnv
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.graphs import OpenedGraph, make_tasks
+from wordcraft_kg.graphs import OpenedGraph
 from wordcraft_kg.graphs.splits import groups_of
-from wordcraft_kg.models.scorers.features import glove_features
 
 POLICIES = ("no_shortcut", "no_train_shortcut")
 DRAWN = {"depth": 3, "num_tasks": 20}
@@ -94,21 +90,6 @@ def test_variants_share_what_does_not_depend_on_their_settings(opened):
     assert test.search is test.variant(part="all").search
     assert test.tasks != world.tasks
     assert test.variant(part="train").tasks is world.tasks
-
-
-def test_tasks_are_made_once_for_all_who_play(opened, monkeypatch):
-    made = []
-
-    def counted(*arguments, **options):
-        made.append(arguments)
-        return make_tasks(*arguments, **options)
-
-    monkeypatch.setattr("wordcraft_kg.envs.world.make_tasks", counted)
-    world = World(opened, WordCraftConfig(part="test"))
-    play_all(world, {"random": random_entity}, (1, 2, 3), distractor_seeds=1)
-    WordCraftEnv(world)
-    WordCraftVectorEnv(2, world)
-    assert len(made) == 1
 
 
 def test_a_variant_that_cannot_be_is_refused_and_the_world_stays(opened):
@@ -198,28 +179,6 @@ def test_tasks_that_the_split_holds_out_together_are_a_group(kind, depth):
     pairs = {*zip(world.groups.tolist(), np.asarray(expected).tolist(), strict=True)}
     assert len(pairs) == len({group for group, _ in pairs}) == len({name for _, name in pairs})
     assert len(world.groups) == len(world.tasks)
-
-
-@pytest.mark.slow
-def test_evaluation_by_goal_resamples_goals():
-    graph = open_graph("everyday").graph
-    split = make_split(graph, SplitConfig("by-goal"))
-    world = World(OpenedGraph(graph, split, "everyday"), WordCraftConfig("test", 1, 8))
-    result = Evaluator(world, distractor_seeds=2)(
-        nearest_words(glove_features(graph.entities).unit_vectors)
-    )
-    figures = result.metrics()
-    goals = world.tasks.goals
-    assert (figures.ci_low, figures.ci_high) == task_bootstrap(result.success, goals)
-    low, high = task_bootstrap(result.success, None)
-    assert figures.ci_high - figures.ci_low > 1.2 * (high - low), "tasks of a goal are alike"
-    (row,) = play_all(
-        world,
-        {"words": nearest_words(glove_features(graph.entities).unit_vectors)},
-        (8,),
-        distractor_seeds=2,
-    )
-    assert row.high - row.low > 1.2 * (high - low)
 
 
 KINDS = ("by-recipe", "by-goal", "by-slot")

@@ -129,23 +129,6 @@ def test_ends_of_episodes_have_gymnasiums_form():
     assert any("final_info" in info for infos in listed for info in infos)
 
 
-def test_a_list_of_seeds_gives_each_environment_the_episodes_of_its_seed():
-    several = vector(4)
-    alone = {seed: vector(1) for seed in (7, 8)}
-    shown, _ = several.reset(seed=[7, 8, 7, None])
-    single_shown = {seed: envs.reset(seed=seed)[0] for seed, envs in alone.items()}
-    rng = np.random.default_rng(0)
-    for _ in range(30):
-        for env, seed in enumerate((7, 8, 7)):
-            for name, values in single_shown[seed].items():
-                np.testing.assert_array_equal(shown[name][env], values[0])
-        # Equal actions where seeds are equal.
-        first, second = rng.integers(several.single_action_space.n, size=2)
-        shown, *_ = several.step(np.array([first, second, first, 0]))
-        actions = {7: first, 8: second}
-        single_shown = {seed: envs.step(actions[seed][None])[0] for seed, envs in alone.items()}
-
-
 def test_a_seed_of_none_continues_and_a_mask_takes_its_seeds():
     """A seed of none in a list continues and a mask takes the seeds it marks."""
     one, other = vector(3), vector(3)
@@ -183,17 +166,6 @@ def test_with_next_step_an_ended_environment_ignores_the_action_and_begins():
             np.testing.assert_array_equal(values[0], seen[name][0])
         assert (paid[0], ended[0], told["task"][0]) == (rewards[0], over[0], infos["task"][0])
         before = over
-
-
-def test_one_seed_decides_all_streams_and_a_reset_without_one_goes_on():
-    one, other = vector(), vector()
-    first = one.reset(seed=4)[0]["table"]
-    np.testing.assert_array_equal(first, other.reset(seed=4)[0]["table"])
-    assert (one.reset(seed=5)[0]["table"] != first).any()
-    one.reset(seed=4)
-    second = one.reset()[0]["table"]
-    assert (second != first).any()
-    np.testing.assert_array_equal(second, other.reset()[0]["table"])
 
 
 @pytest.mark.parametrize(

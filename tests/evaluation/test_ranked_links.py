@@ -61,15 +61,6 @@ def facts(opened_kitchen):
     return model(SymbolicScorer(opened_kitchen.graph, opened_kitchen.graph.triples), opened_kitchen)
 
 
-def test_a_model_does_not_differ_from_itself(frequency):
-    values = compared(frequency, frequency)
-    one, other = values.models
-    assert (other.difference, other.difference_ci, other.probability_better) == (0, (0, 0), 0.5)
-    assert (one.difference, one.difference_ci, one.probability_better) == (None, None, None)
-    assert one.mrr == other.mrr
-    assert values.not_significant == (other.name,)
-
-
 def test_a_model_that_knows_the_answers_is_significantly_better(facts, frequency):
     values = compared(frequency, facts)
     assert values.models[1].probability_better == 1
@@ -105,20 +96,6 @@ def test_of_very_many_queries_a_sample_is_ranked_and_said_to_be_one(
     monkeypatch.setattr(ranked_links, "MAX_QUERIES", 80)
     found = compared(frequency, frequency)
     assert (found.triples, found.queries, found.sampled_from) == (40, 80, everything)
-
-
-def test_a_paired_interval_is_narrower_than_the_separate_ones(opened_kitchen):
-    table = noise(opened_kitchen, 1).table("combinesWith")
-    nudged = torch.stack([table, table]) + 1e-3 * torch.stack(
-        [noise(opened_kitchen, 2).table(r) for r in (0, 1)]
-    )
-    graph = opened_kitchen.graph
-    scorers = [
-        TableScorer(scores, graph.entities, graph.hash)
-        for scores in (torch.stack([table, table]), nudged)
-    ]
-    other = second(*(model(scorer, opened_kitchen) for scorer in scorers))
-    assert other.difference_ci[1] - other.difference_ci[0] < (other.mrr_ci[1] - other.mrr_ci[0]) / 2
 
 
 def test_the_comparison_is_determined_by_its_seed(noises):

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
-from wordcraft_kg.evaluation.likely_recipes import RecipeFinder
 from wordcraft_kg.evaluation.suggestions import (
     MOST_OF_ITEM,
     PAGE,
@@ -187,15 +186,6 @@ def test_models_without_probabilities_are_refused(model):
     assert not can_suggest(full)
     with pytest.raises(ConfigError, match="has no probabilities"):
         suggest(full, Wish())
-
-
-def test_a_book_with_all_recipes_of_a_pair_has_nothing_left_to_propose(model, finder, graph):
-    pair = np.array([[graph.id_of("egg"), graph.id_of("flour")]])
-    every = [(*pair[0], result) for result in range(graph.num_entities)]
-    full = RecipeFinder.of(model.scorer, np.array([*finder.book.tolist(), *every]))
-    likely = full.likely(pair)
-    assert len(likely.rows) == 0
-    assert likely.best_shares.tolist() == [0]
 
 
 # --- the command, and the table to tick -----------------------------------------------------------

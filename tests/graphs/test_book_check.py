@@ -1,11 +1,25 @@
 import json
-from itertools import pairwise
+from collections import Counter
+from dataclasses import replace
 
+import graph_oracles as oracles
 import pytest
-from graph_strategies import books
+from graph_strategies import books, configs, splittable_graphs
 from hypothesis import given, strategies as st
+from test_splits import HELD_OUT_KINDS, drawn
 
-from wordcraft_kg.graphs import RecipeGraph, open_book, read_book, write_book
+from wordcraft_kg.base.records import as_values
+from wordcraft_kg.graphs import (
+    RecipeBook,
+    RecipeGraph,
+    SplitConfig,
+    audit,
+    make_split,
+    open_book,
+    read_book,
+    write_book,
+)
+from wordcraft_kg.graphs.audit import SHOWN, one_ingredient_away
 from wordcraft_kg.graphs.book_check import check_book
 from wordcraft_kg.graphs.library import locate_book
 
@@ -343,24 +357,6 @@ def test_long_lists_are_cut_and_equal_faults_are_one(check):
     assert two.lines == (102,)
 
 
-@pytest.mark.slow
-def test_a_book_with_very_many_findings_is_read_to_its_end(check):
-    # Once, reading stopped at the 10,000th finding, and the figures were those of half a book.
-    names = ["fire", *(f"n{i}" for i in range(6_001))]
-    pairs = list(pairwise(names))
-    rows = [f"water,{b},water\nwater,{a},{b}\n" for a, b in reversed(pairs)]
-    found = check("# base: water, fire\n" + HEADER + "".join(rows))
-    assert found.figures.recipes == len(pairs)
-    assert found.figures.reachability.reachable == found.figures.entities == len(names) + 1
-    assert [kind for kind, severity, _ in kinds(found) if severity == "problem"] == ["self-result"]
-    assert message(found, "self-result").startswith("6,001 recipes make one of their ingredients")
-
-
-def test_lists_in_findings_quote_labels_with_commas(check):
-    found = check(HEADER + 'water,"salt, fine",brine\nbrine,fire,steam\n')
-    assert 'Name the base: # base: fire,"salt, fine",water' in message(found, "base")
-
-
 def test_a_book_without_any_entity_to_begin_with_says_that_it_has_no_base(tmp_path):
     circle = tmp_path / "circle.csv"
     circle.write_text("ingredient_a,ingredient_b,result\na,b,c\nb,c,a\na,c,b\n")
@@ -413,3 +409,104 @@ def test_each_row_is_a_recipe_or_a_loss_with_its_reason_and_its_place(check, nam
 def test_a_sum_that_our_own_table_takes_for_a_label_names_the_third_column(check):
     found = check(HEADER + "ham + cheese,bread,sandwich\n")
     assert "ingredient_a,ingredient_b,ingredient_c,result" in message(found, "several")
+
+
+def audited(graph):
+    return as_values(audit(graph, make_split(graph, SplitConfig("none"))))
+
+
+def test_the_audit_counts_and_names_everything():
+    rows = [
+        *[("a", "a", "b"), ("a", "b", "c"), ("a", "b", "d"), ("b", "b", "D"), ("c", "d", "e")],
+        *[("lost", "c", "found"), ("found", "a", "lost")],
+    ]
+    book = RecipeBook.of("book", rows, base=["a"], listed=["idle"], keep_self_results=True)
+    values = audited(RecipeGraph.from_book(book))
+    assert (values["entities"], values["recipes"], values["pairs"], values["base"]) == (
+        9,
+        7,
+        6,
+        ["a"],
+    )
+    assert values["triples"] == {"combinesWith": 10, "componentOf": 12, "total": 22}
+    assert values["ambiguity"] == {
+        "pairs_by_number_of_results": {"1": 5, "2": 1},
+        "pairs_with_several_results": 1,
+        "examples": [{"pair": ["a", "b"], "results": ["c", "d"]}],
+    }
+    assert values["reachability"] == {
+        **{"reachable": 6, "rounds": 3, "known_after_round": [1, 2, 5, 6]},
+        **{"unreachable": 3, "unreachable_entities": ["found", "idle", "lost"]},
+    }
+    degrees = values["degrees"]
+    assert (degrees["craftable"], degrees["terminal"], degrees["idle"], degrees["self_pairs"]) == (
+        7,
+        2,
+        1,
+        2,
+    )
+    assert degrees["recipes_per_craftable"] == {"mean": 1.0, "median": 1.0, "max": 1}
+    assert degrees["most_used"][:2] == [["a", 4], ["b", 3]]
+    assert values["labels"] == {"alike": 1, "alike_labels": [["D", "d"]]}
+
+
+def test_lists_of_the_audit_are_cut_but_counts_are_complete():
+    rows = [("a", "b", f"made {i}") for i in range(50)] + [
+        ("lost", f"lost {i}", "end") for i in range(50)
+    ]
+    reachability = audited(RecipeGraph.from_recipes(rows, base=["a", "b"]))["reachability"]
+    assert (reachability["unreachable"], len(reachability["unreachable_entities"])) == (52, SHOWN)
+    empty = audited(RecipeGraph(["a"], [], []))
+    counts = (
+        empty["recipes"],
+        empty["pairs"],
+        empty["triples"]["total"],
+        empty["reachability"]["rounds"],
+    )
+    assert counts == (0, 0, 0, 0)
+
+
+@pytest.mark.parametrize("kind", HELD_OUT_KINDS)
+@given(graph=splittable_graphs(), config=configs("by-recipe"))
+def test_nearness_to_train_equals_counts_over_labels(kind, graph, config):
+    split = drawn(graph, replace(config, kind=kind))
+    train, test = (graph.recipe_labels(split.recipes(part)) for part in ("train", "test"))
+    made = {result for *_, result in train}
+    sizes = as_values(audit(graph, split))["split"]
+    assert sizes["test_goals"] == len({result for *_, result in test})
+    assert sizes["test_goals_in_train"] == len({result for *_, result in test} & made)
+    near = [
+        any(r.result == known.result and {*r[:2]} & {*known[:2]} for known in train) for r in test
+    ]
+    assert sizes["one_ingredient_away"] == sum(near)
+    assert one_ingredient_away(split).tolist() == near
+    if kind in ("by-slot", "by-goal"):
+        assert not any(near)
+
+
+@pytest.mark.parametrize("kind", HELD_OUT_KINDS)
+@given(graph=splittable_graphs(), config=configs("by-recipe"))
+def test_leakage_counts_equal_sets_of_triples(kind, graph, config):
+    split = drawn(graph, replace(config, kind=kind))
+    of = {
+        part: oracles.triples(graph.recipe_labels(split.recipes(part)))
+        for part in ("train", "valid", "test")
+    }
+    evaluated = of["test"] - of["train"] - of["valid"]
+    result = as_values(audit(graph, split))
+    assert result["split"]["evaluated_triples"] == len(evaluated)
+    assert result["split"]["leaked_triples"] == len(of["test"]) - len(evaluated)
+    for relation, row in result["leakage"].items():
+        train, test, left = (
+            Counter(r for _, r, _ in part)[relation]
+            for part in (of["train"], of["test"], evaluated)
+        )
+        mirrored = sum(r == relation and (t, r, h) in of["train"] for h, r, t in evaluated)
+        counts = {
+            "train": train,
+            "from_test_recipes": test,
+            "already_in_train": test - left,
+            "evaluated": left,
+        }
+        assert row == counts | {"mirror_in_train": mirrored}
+    assert result["leakage"]["combinesWith"]["mirror_in_train"] == 0

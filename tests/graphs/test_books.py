@@ -115,34 +115,6 @@ def test_made_up_words_keep_the_graph_and_hide_the_words(home):
         locate_book("made-up:kitchen")
 
 
-def test_made_up_words_keep_blanks_and_names_keep_seeds(tmp_path):
-    path = tmp_path / "blanks.csv"
-    path.write_text(
-        "ingredient_a,ingredient_b,result\nblack hole,c,d\nblack  hole,c,e\n", encoding="utf-8"
-    )
-    book, twin = open_book(path), open_book(f"made-up-7:{path}")
-    assert (
-        RecipeGraph.from_book(twin).recipes.tolist() == RecipeGraph.from_book(book).recipes.tolist()
-    )
-    assert twin.name == "made-up-7-blanks"
-    assert hash(twin) != hash(book)
-
-
-TABLE = "ingredient_a,ingredient_b,result\na,b,c\n"
-
-
-def test_books_of_the_data_folder_are_known_by_name(data, monkeypatch):
-    for name, text in (("mine.csv", TABLE), ("kitchen.csv", TABLE), ("notes.txt", "not a book")):
-        (data / name).write_text(text, encoding="utf-8")
-    assert origins() == BUILT_IN | TO_FETCH | {"mine": "data folder"}
-    assert open_book("mine").name == "mine"
-    assert len(open_book("kitchen").recipes) > 100
-    monkeypatch.setenv(DATA_VARIABLE, str(data / "mine.csv"))
-    assert origins()["mine"] == "data folder"
-    monkeypatch.setenv(DATA_VARIABLE, str(data / "nowhere"))
-    assert "data folder" not in origins().values()
-
-
 def test_a_published_book_in_a_folder_is_known_by_name_and_hash(data, monkeypatch):
     """Infinite Craft lies in a folder of its own: a file `recipes.json` beside it is another."""
     text = {"items": ["Water", "Fire", "Steam"], "recipes": [[0, 1, 2]]}

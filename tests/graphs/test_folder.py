@@ -84,15 +84,6 @@ def test_the_files_of_a_graph_folder_agree_with_the_graph(pristine, kitchen):
     )
 
 
-def test_idle_entities_and_kept_self_results_survive_the_folder(tmp_path):
-    rows = [("a", "a", "a"), ("a", "b", "c")]
-    book = RecipeBook.of("book", rows, base=[], listed=["idle"], keep_self_results=True)
-    graph = RecipeGraph.from_book(book)
-    write_graph_folder(tmp_path / "out", book, make_split(graph, SplitConfig("none")))
-    assert open_graph(tmp_path / "out").graph == graph
-    assert open_graph(tmp_path / "out").graph.entities == ("a", "b", "c", "idle")
-
-
 def test_a_book_opens_with_the_split_asked_for(kitchen):
     opened = open_graph("kitchen", SplitConfig("by-goal", seed=7))
     assert opened.split.hash == make_split(kitchen, SplitConfig("by-goal", seed=7)).hash

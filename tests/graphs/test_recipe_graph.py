@@ -1,4 +1,3 @@
-import itertools
 import re
 from collections import Counter
 from itertools import combinations_with_replacement
@@ -18,12 +17,10 @@ from wordcraft_kg.graphs import (
     SplitConfig,
     layers,
     make_split,
-    open_graph,
     read_book,
     recipe_triples,
     rounds,
 )
-from wordcraft_kg.graphs.arrays import are_among, distinct, recipe_keys, sorted_unique
 from wordcraft_kg.graphs.export import to_networkx, triples_frame
 from wordcraft_kg.graphs.folder import entities_frame
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, triple_keys
@@ -266,16 +263,6 @@ def test_a_graph_has_a_length_and_contains_its_labels(kitchen):
     assert RecipeGraph((), np.empty((0, 3), dtype=np.int64), [])
 
 
-def test_what_a_graph_and_a_split_look_like_fits_on_a_line():
-    opened = open_graph("kitchen")
-    assert repr(opened) == (
-        "OpenedGraph(graph=RecipeGraph('kitchen', 80 entities, 326 recipes, hash 43fe37e2e912), "
-        "split=Split('by-recipe', seed 0, 260 train, 0 valid, 66 test recipes of 'kitchen'), "
-        "source='kitchen')"
-    )
-    assert str(opened.graph.recipe_labels()[0]) == "animal + earth -> pig"
-
-
 MUD = [
     *(("water", "earth", "mud"), ("earth", "water", "plant"), ("mud", "fire", "brick")),
     *(("brick", "brick", "wall"), ("fire", "water", "steam")),
@@ -345,43 +332,3 @@ def test_little_alchemy_2_takes_sixteen_rounds_with_time(alchemy):
     layer = layers(alchemy, ["air", "earth", "fire", "water"])
     assert (max(layer), rounds(layer)[-1]) == (16, 697)
     assert alchemy.labels(np.flatnonzero(layer < 0)) == ("archeologist", "ruins", "time")
-
-
-SMALL = st.integers(-3, 3)
-
-LARGE = st.integers(-(2**40), 2**40)
-
-
-@given(st.lists(LARGE))
-def test_distinct_numbers_are_those_of_numpy(numbers):
-    array = np.array(numbers, dtype=np.int64)
-    assert distinct(array).tolist() == np.unique(array).tolist()
-
-
-@pytest.mark.parametrize("numbers", [SMALL, LARGE], ids=["one number a row", "too large for one"])
-@given(data=st.data())
-def test_distinct_rows_are_sorted_by_the_columns(numbers, data):
-    rows = data.draw(st.lists(st.tuples(numbers, numbers, numbers)))
-    array = np.array(rows, dtype=np.int64).reshape(-1, 3)
-    expected = sorted(set(rows), key=lambda row: (row[1], row[0], row[2]))
-    found = sorted_unique(array, (1, 0, 2))
-    assert list(map(tuple, found.tolist())) == expected
-    assert found.flags.c_contiguous
-
-
-@given(st.lists(SMALL), st.lists(SMALL))
-def test_numbers_among_known_ones_are_those_of_numpy(numbers, known):
-    asked = np.array(numbers, dtype=np.int64)
-    ordered = np.sort(np.array(known, dtype=np.int64))
-    assert are_among(asked, ordered).tolist() == np.isin(asked, ordered).tolist()
-
-
-def test_keys_of_recipes_sort_like_rows_and_ignore_the_order_of_ingredients():
-    every = np.array(list(itertools.product(range(4), repeat=3)))
-    keys = recipe_keys(*every.T, num_entities=4)
-    mirrored = recipe_keys(*every[:, [1, 0, 2]].T, num_entities=4)
-    assert np.array_equal(keys, mirrored)
-    ordered = every[every[:, 0] <= every[:, 1]]
-    of_ordered = recipe_keys(*ordered.T, num_entities=4)
-    assert np.all(np.diff(of_ordered) > 0)
-    assert len(np.unique(keys)) == len(ordered)

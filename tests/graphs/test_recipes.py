@@ -6,19 +6,17 @@ from unittest.mock import patch
 from xml.etree import ElementTree
 from xml.sax.saxutils import escape
 
-import numpy as np
 import pytest
-from graph_strategies import books, labels
+from graph_strategies import books
 from helpers import refuses
 from hypothesis import example, given, strategies as st
 
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, read_book, write_book
-from wordcraft_kg.graphs.arrays import absent, json_recipes, row_text
 from wordcraft_kg.graphs.book_files import book_name
 from wordcraft_kg.graphs.book_files.reader import BookRows
 from wordcraft_kg.graphs.book_files.texts import Dialect, cells_of
-from wordcraft_kg.graphs.recipes import RecipeRows, alike_labels, case_variants, check_label
+from wordcraft_kg.graphs.recipes import alike_labels, case_variants, check_label
 
 TABLE = "ingredient_a,ingredient_b,result\n"
 
@@ -73,27 +71,6 @@ def test_a_book_is_not_written_under_another_ending(tmp_path):
     ):
         write_book(RecipeBook.of("book", [("a", "b", "c")]), tmp_path / "book.xml")
     assert not list(tmp_path.iterdir())
-
-
-def test_the_layouts_of_one_book_give_equal_graphs(tmp_path):
-    rows = [["b", "a", "c"], ["a", "a", "d"], ["a", "b", "d"]]
-    official = {"entities": {label: {"id": 1, "recipes": []} for label in "abcd"}}
-    for a, b, result in rows:
-        official["entities"][result]["recipes"].append([a, b])
-    texts = {
-        "own.json": json.dumps({"entities": list("abcd"), "recipes": rows}),
-        "official.json": json.dumps(official),
-        "commas.csv": TABLE + "".join(",".join(row) + "\n" for row in rows),
-        "tabs.tsv": TABLE.replace(",", "\t") + "".join("\t".join(row) + "\n" for row in rows),
-        "tabs.tab": TABLE.replace(",", "\t") + "".join("\t".join(row) + "\n" for row in rows),
-        "upper.CSV": TABLE + "".join(",".join(row) + "\n" for row in rows),
-    }
-    graphs = []
-    for name, text in texts.items():
-        (tmp_path / name).write_text(text, encoding="utf-8")
-        graphs.append(RecipeGraph.from_book(read_book(tmp_path / name)))
-    assert len({graph.hash for graph in graphs}) == 1
-    assert graphs[0].recipe_labels() == [("a", "a", "d"), ("a", "b", "c"), ("a", "b", "d")]
 
 
 SAVED = {
@@ -362,13 +339,6 @@ def test_a_plain_table_is_read_at_once_like_row_by_row(put, keep_self_results):
     assert found[4][:2] == ((0, 1) if keep_self_results else (1, 1))
 
 
-@pytest.mark.parametrize("end", ["\n", ""])
-def test_the_last_line_needs_no_end(put, end):
-    path = put(PLAIN.removesuffix("\n") + end)
-    assert is_read_at_once(path)
-    assert outcome(path) == outcome_by_rows(path)
-
-
 @pytest.mark.parametrize("odd", ODD.values(), ids=ODD)
 @pytest.mark.parametrize("after", ["", "fire,water,steam\n"], ids=["last", "inside"])
 def test_an_odd_row_has_the_result_or_the_fault_of_its_line(put, odd, after):
@@ -383,45 +353,3 @@ def test_an_option_that_changes_labels_reads_row_by_row(put):
 
 def test_a_table_of_a_header_alone_has_no_recipe(put):
     assert outcome(put(HEADER)) == outcome_by_rows(put(HEADER))
-
-
-@given(st.lists(st.tuples(labels(), labels(), labels()), min_size=1))
-def test_rows_with_ids_equal_their_tuple(rows):
-    recipes = [Recipe.of(*row) for row in rows]
-    numbered = RecipeRows.of(recipes)
-    assert numbered == tuple(recipes)
-    assert tuple(recipes) == numbered
-    assert hash(numbered) == hash(tuple(recipes))
-    assert numbered[1:] == tuple(recipes[1:])
-    assert numbered[-1] == recipes[-1]
-    assert (repr(numbered), len(numbered)) == (repr(tuple(recipes)), len(recipes))
-    assert numbered != tuple(recipes[1:])
-    assert numbered != recipes
-
-
-@given(st.lists(st.tuples(labels(), labels(), labels())))
-def test_a_book_of_rows_with_ids_equals_a_book_of_labels(rows):
-    numbered = RecipeRows.of([Recipe.of(*row) for row in rows])
-    for keep in (False, True):
-        book = RecipeBook.of("book", rows, keep_self_results=keep)
-        assert RecipeBook.of("book", numbered, keep_self_results=keep) == book
-        kept = {Recipe.of(*row) for row in rows}
-        assert list(book.recipes) == sorted(r for r in kept if keep or not r.is_self_result)
-
-
-@given(st.lists(labels(), min_size=1, max_size=5, unique=True), st.data())
-def test_text_of_rows_equals_that_of_single_rows(names, data):
-    ids = st.integers(0, len(names) - 1)
-    rows = data.draw(st.lists(st.tuples(ids, ids, ids)))
-    columns = [[f"{name}, " for name in names], [f"{name}\t" for name in names], names]
-    with patch("wordcraft_kg.graphs.arrays._PIECE", data.draw(st.integers(1, 4))):
-        pieces = list(row_text(np.array(rows, dtype=np.int64).reshape(-1, 3), columns))
-        lines = "".join(json_recipes(np.array(rows, dtype=np.int64).reshape(-1, 3), names))
-    assert "".join(pieces) == "".join(f"{names[a]}, {names[b]}\t{names[c]}" for a, b, c in rows)
-    single = ",\n".join(f"[{names[a]}, {names[b]}, {names[c]}]" for a, b, c in rows)
-    assert lines == (single + "\n" if rows else "")
-
-
-def test_absent_ids_are_those_without_a_row():
-    assert absent(np.array([3, 0, 3]), 5).tolist() == [1, 2, 4]
-    assert absent(np.array([], dtype=np.int64), 2).tolist() == [0, 1]

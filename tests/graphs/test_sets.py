@@ -89,23 +89,6 @@ def test_sets_are_read_from_files_of_each_shape(tmp_path, name):
     assert "1 of 2, 2 of 3, 1 of 5" in book.reading.line().replace("2 of 1, ", "")
 
 
-def test_a_pack_of_minecraft_is_read_as_sets(tmp_path):
-    folder = tmp_path / "pack" / "data" / "demo" / "recipes"
-    folder.mkdir(parents=True)
-    shapes = {
-        "torch": ["demo:stick", "demo:coal"],
-        "lamp": ["demo:torch", "demo:iron", "demo:glass"],
-        "glass": ["demo:sand"],
-    }
-    for result, items in shapes.items():
-        content = {"ingredients": [{"item": item} for item in items], "result": f"demo:{result}"}
-        (folder / f"{result}.json").write_text(json.dumps(content))
-    book = read_book(tmp_path / "pack")
-    assert list(book.recipes) == sorted(
-        Recipe(items, f"demo:{result}") for result, items in shapes.items()
-    )
-
-
 def test_nine_ingredients_are_left_out_and_counted(tmp_path):
     path = tmp_path / "book.json"
     rows = [(["iron"] * 9, "block"), (["iron"] * 8, "block"), (["ore", "coal"], "iron")]

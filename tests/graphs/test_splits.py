@@ -1,4 +1,3 @@
-import gzip
 import json
 import logging
 import math
@@ -216,28 +215,6 @@ def test_the_hash_of_a_split_covers_its_graph(kitchen):
     assert one.hash != two.hash
 
 
-def test_a_registered_split_is_made_read_and_offered(kitchen, monkeypatch):
-    """A split registered from outside is made read back and offered by the command."""
-
-    def by_first_letter(graph, config, rng):
-        return Draw(
-            np.where([graph.entities[i] < "m" for i in graph.recipes[:, 2]], 0, 2).astype(np.int8)
-        )
-
-    monkeypatch.setitem(
-        SPLITS,
-        "by-letter",
-        SplitKind(lambda graph: graph.recipes[:, 2], "by letter", by_first_letter),
-    )
-    split = make_split(kitchen, SplitConfig("by-letter"))
-    assert all(kitchen.entities[i] >= "m" for i in split.recipes("test")[:, 2])
-    assert read_split(json.loads("".join(split.to_json())), kitchen).hash == split.hash
-
-    from wordcraft_kg.cli import graphs
-
-    assert "by-letter (by letter)" in graphs._kinds()
-
-
 def test_a_split_needs_one_function_the_groups_of_recipes(kitchen, monkeypatch):
     def first_letters(graph):
         return np.array([ord(graph.entities[result][0]) for result in graph.recipes[:, 2]])
@@ -448,36 +425,6 @@ def test_a_wrong_split_file_is_refused(tmp_path, text, says):
         read(tmp_path, text)
 
 
-def test_names_of_a_part_in_json_add_up_and_other_keys_are_ignored(tmp_path):
-    content = {"Train": ["mud"], "training": ["brick"], "test": ["wall"], "licence": "CC0"}
-    split = read(tmp_path, json.dumps(content))
-    assert split.parts.tolist() == read(tmp_path, FILES["results.json"]).parts.tolist()
-
-
-def test_entries_of_too_many_ingredients_are_unknown_recipes(tmp_path):
-    content = {"train": ["mud", "brick", [*9 * ["water"], "mud"]], "test": ["wall"]}
-    assert read(tmp_path, json.dumps(content)).published.unknown == 1
-
-
-def test_labels_of_a_split_are_folded_with_those_of_the_book(tmp_path):
-    path = tmp_path / "split.csv"
-    path.write_text(FILES["results.csv"].replace("mud", "Mud"))
-    assert read_published_split(path, GRAPH, fold=True).published.unknown == 0
-    with pytest.raises(SplitError, match="without a part"):
-        read_published_split(path, GRAPH)
-
-
-def test_a_split_file_may_have_blank_columns_and_rows(tmp_path):
-    text = FILES["results.csv"].replace("\n", ",,\n") + ",,,\n"
-    assert read(tmp_path, text, name="split.csv").published.unknown == 0
-
-
-def test_a_split_file_may_have_the_line_ends_of_old_systems(tmp_path):
-    text = FILES["results.csv"].replace("\n", "\r")
-    (tmp_path / "split.csv").write_bytes(text.encode())
-    assert read_published_split(tmp_path / "split.csv", GRAPH).published.unknown == 0
-
-
 def test_a_table_of_results_with_one_recipe_each_is_split_by_goal(caplog):
     rows = [(f"a{i}", f"b{i % 7}", f"c{i % 5}", f"made {i}") for i in range(100)]
     with caplog.at_level(logging.WARNING):
@@ -516,15 +463,3 @@ def test_the_audit_counts_sets_inside_others_and_pairs_that_train_knows():
 
 def test_a_graph_of_pairs_has_no_statistics_of_sets(kitchen):
     assert audit(kitchen, make_split(kitchen, SplitConfig())).sets is None
-
-
-def test_a_split_in_gzip_is_read(tmp_path):
-    path = tmp_path / "split.csv.gz"
-    path.write_bytes(gzip.compress(FILES["results.csv"].encode()))
-    plain = tmp_path / "split.csv"
-    plain.write_text(FILES["results.csv"])
-    splits = [read_published_split(each, GRAPH) for each in (path, plain)]
-    assert splits[0].parts.tolist() == splits[1].parts.tolist()
-    path.write_bytes(path.read_bytes()[:-5])
-    with pytest.raises(SplitError):
-        read_published_split(path, GRAPH)

@@ -1,21 +1,24 @@
 import itertools
 from collections import Counter
-from dataclasses import replace
-from fractions import Fraction
 
 import numpy as np
 import pytest
 from graph_strategies import graphs, graphs_of_sets
 from hypothesis import given, strategies as st
-from scipy.stats import chisquare
 
 from wordcraft_kg.base.errors import ConfigError, TaskError, UnknownEntityError
-from wordcraft_kg.graphs import Recipe, RecipeGraph, Split, SplitConfig, make_split, tasks
+from wordcraft_kg.graphs import (
+    Recipe,
+    RecipeGraph,
+    Split,
+    SplitConfig,
+    make_split,
+    tasks,
+)
 from wordcraft_kg.graphs.splits import PARTS, Draw
 from wordcraft_kg.graphs.tasks import (
     MAX_DEPTH,
     TWICE_SHARE,
-    CraftingTask,
     SolutionSearch,
     make_tasks,
     replay,
@@ -114,21 +117,6 @@ def test_ways_are_the_same_if_too_much_is_within_reach_to_look_up(kitchen, monke
         assert [search.ways(goal, start, 4) for goal in goals] == expected
 
 
-def test_a_plan_may_use_both_results_of_one_attempt():
-    graph = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "b", "d"), ("c", "d", "e")])
-    assert replay(graph, ["a", "b"], [Recipe.of("a", "b", "c")]) == {"a", "b", "c", "d"}
-    [rows] = SolutionSearch(graph).plans("e", ["a", "b"], 2)
-    assert rows == (0, 1, 2)
-    assert SolutionSearch(graph).plans("e", ["a", "b"], 1) == []
-    made = make_tasks(graph, 2, twice_share=None)
-    assert [(task.goal, "".join(task.start)) for task in made] == [
-        ("e", "ab"),
-        ("e", "abc"),
-        ("e", "abd"),
-    ]
-    assert made.intermediates.tolist()[0] == [graph.id_of("c"), graph.id_of("d")]
-
-
 def test_a_plan_takes_entities_by_id_or_label_and_refuses_unknown_ones(kitchen):
     goal, start = "bread", kitchen.base
     by_label = SolutionSearch(kitchen).plans(goal, start, 4)
@@ -214,24 +202,6 @@ def test_arrays_and_labels_of_tasks_agree(kitchen, kitchen_tasks):
         assert {
             tuple(firsts[pair]) for pair in made.final_pairs[index].tolist() if pair >= 0
         } == last
-
-
-def test_task_sets_of_equal_content_are_equal(kitchen):
-    again = RecipeGraph.from_recipes(kitchen.recipe_labels(), kitchen.base)
-    drawn = make_tasks(kitchen, 3, limit=20)
-    assert make_tasks(again, 3, limit=20) == drawn
-    assert hash(make_tasks(again, 3, limit=20)) == hash(drawn)
-    assert hash(drawn[0]) == hash(make_tasks(again, 3, limit=20)[0])
-    for other in (
-        make_tasks(kitchen, 3, limit=20, seed=1),
-        make_tasks(kitchen, 3, limit=21),
-        make_tasks(kitchen, 2),
-    ):
-        assert other != drawn
-        assert list(other) != list(drawn)
-    longer, shorter = (make_tasks(kitchen, 3, limit=limit, twice_share=None) for limit in (50, 20))
-    assert list(longer)[:20] == list(shorter)
-    assert replace(drawn, starts=drawn.starts[::-1]) != drawn
 
 
 def test_drawing_ends_when_no_new_task_comes_up():
@@ -337,107 +307,6 @@ BRANCHED_SPLIT = Split(
 )
 
 
-RECIPES = BRANCHED.recipe_labels()
-
-
-def pairs_of_results(recipes):
-    """Return the pairs that make each result, without the recipes that keep an ingredient."""
-    pairs = {}
-    for a, b, result in recipes:
-        if result not in (a, b):
-            pairs.setdefault(result, []).append((a, b))
-    return pairs
-
-
-def accepted_draws(graph, reached, depth, part):
-    """Return the draws that are tasks of the part, with their probabilities."""
-    accepted = {}
-    tasks = tasks_by_trying(graph, depth)
-    for (goal, start), probability in reached.items():
-        if (goal, start) in tasks:
-            plans = tuple(
-                tuple(graph.recipe_labels(graph.recipes[list(rows)]))
-                for rows in SolutionSearch(graph).plans(goal, start, depth)
-            )
-            if part in ("all", part_of(CraftingTask(goal, start, depth, plans), BRANCHED_SPLIT)):
-                accepted[goal, start] = probability
-    return accepted
-
-
-def drawn_distribution(depth, part, weighting):
-    """Follow every choice of the draw with its probability; leave out what is no task of the part,
-    and renormalise."""
-    graph = BRANCHED if part != "train" else train_book(BRANCHED_SPLIT)
-    makes = pairs_of_results(graph.recipe_labels())
-    last = makes
-    reached = Counter()
-
-    def replace_leaves(goal, made, leaves, left, probability):
-        if not left:
-            reached[goal, tuple(sorted(leaves))] += probability
-            return
-        open_leaves = leaves & makes.keys()
-        for leaf in open_leaves:
-            for pair in makes[leaf]:
-                if not (made | {leaf}) & set(pair):
-                    share = probability / len(open_leaves) / len(makes[leaf])
-                    replace_leaves(
-                        goal, made | {leaf}, (leaves | set(pair)) - {leaf}, left - 1, share
-                    )
-
-    num_last = sum(map(len, last.values()))
-    for goal, ends in last.items():
-        for pair in ends:
-            probability = (
-                Fraction(1, num_last) if weighting == "task" else Fraction(1, len(last) * len(ends))
-            )
-            replace_leaves(goal, {goal}, set(pair), depth - 1, probability)
-    accepted = accepted_draws(graph, reached, depth, part)
-    assert 0 < sum(accepted.values()) < 1  # some draws are refused
-    return {
-        key: float(probability / sum(accepted.values())) for key, probability in accepted.items()
-    }
-
-
-@pytest.mark.parametrize(
-    ("part", "weighting"),
-    [
-        pytest.param("all", "task", marks=pytest.mark.slow),
-        ("train", "goal"),
-        pytest.param("test", "task", marks=pytest.mark.slow),
-        *(
-            pytest.param(*case, marks=pytest.mark.slow)
-            for case in (("all", "goal"), ("train", "task"), ("test", "goal"))
-        ),
-    ],
-)
-def test_the_first_task_drawn_has_the_probability_of_the_ways_to_draw_it(part, weighting):
-    expected = drawn_distribution(3, part, weighting)
-    draws = 1_000
-    counts = Counter()
-    for seed in range(draws):
-        [task] = make_tasks(
-            BRANCHED,
-            3,
-            BRANCHED_SPLIT,
-            part,
-            weighting=weighting,
-            limit=1,
-            seed=seed,
-            twice_share=None,
-        )
-        counts[task.goal, task.start] += 1
-    assert counts.keys() <= expected.keys()
-    assert len(expected) >= 4
-    assert min(expected.values()) * draws >= 5  # for the chi-square approximation
-    assert (
-        chisquare(
-            [counts[key] for key in expected], [draws * share for share in expected.values()]
-        ).pvalue
-        > 0.001
-    )
-
-
 @pytest.mark.parametrize(
     ("arguments", "error", "says"),
     [
@@ -477,29 +346,6 @@ def test_a_part_without_tasks_is_refused_saying_how_many_belong_to_none():
         TaskError, match=r"graph has no task of depth 2 in the test part \(1 belong to no part\)"
     ):
         make_tasks(graph, 2, split, "test")
-
-
-@pytest.mark.parametrize(
-    ("depth", "number", "train", "test", "mixed"),
-    [
-        (1, 3_417, 2_745, 653, 46),
-        pytest.param(2, 26_859, 17_867, 9_434, 990, marks=pytest.mark.slow),
-    ],
-)
-def test_little_alchemy_has_its_tasks(alchemy, depth, number, train, test, mixed):
-    # All tasks of the book, whatever share of them uses an entity twice.
-    everything = make_tasks(alchemy, depth, twice_share=None)
-    split = make_split(alchemy, SplitConfig())
-    assert len(everything) == number
-    made = [make_tasks(alchemy, depth, split, part, twice_share=None) for part in ("train", "test")]
-    assert [(len(tasks), tasks.mixed) for tasks in made] == [(train, 0), (test, mixed)]
-    # Those of depth 2 beyond a chain of two different ingredients.
-    kinds = Counter()
-    for task in everything if depth == 2 else ():
-        doubled = all(plan[-1][0] == plan[-1][1] for plan in task.plans)
-        by_product = all(len(plan) > task.depth for plan in task.plans)
-        kinds["doubled" if doubled else "by-product" if by_product else "chain"] += 1
-    assert depth == 1 or kinds == {"chain": 26_502, "doubled": 355, "by-product": 2}
 
 
 def test_tasks_of_depth_two_are_drawn_where_too_many_plans_lead_to_them(kitchen, monkeypatch):

@@ -1,10 +1,12 @@
-"""Small graphs and small mishaps for the tests of link prediction."""
+"""Small graphs, small mishaps and slow formulas for the tests of link prediction."""
 
 import hashlib
 import json
+import math
 import random
 import shutil
 import signal
+from itertools import product
 
 import numpy as np
 import safetensors.torch
@@ -92,3 +94,97 @@ def global_states():
         "threads": torch.get_num_threads(),
         "sigint": signal.getsignal(signal.SIGINT),
     }
+
+
+def equation_1(subject, predicate, obj):
+    """``phi(s, p, o) = Re<e_s, e_p, conj(e_o)>``."""
+    total = 0.0
+    for s, p, o in zip(subject, predicate, obj, strict=True):
+        total += (complex(s) * complex(p) * complex(o).conjugate()).real
+    return total
+
+
+def equation_2(entity, relation, triples, candidates=None):
+    """Mean over triples of ``log sum_o exp phi(s, p, o) + log sum_s exp phi(s, p, o) - 2 phi(s, p,
+    o)``.
+
+    The sums are over all entities, or over the vectors of some ``candidates``.
+    """
+    total, candidates = 0.0, entity if candidates is None else candidates
+    for s, p, o in triples:
+        over_objects = sum(
+            math.exp(equation_1(entity[s], relation[p], other)) for other in candidates
+        )
+        over_subjects = sum(
+            math.exp(equation_1(other, relation[p], entity[o])) for other in candidates
+        )
+        total += math.log(over_objects) + math.log(over_subjects)
+        total -= 2 * equation_1(entity[s], relation[p], entity[o])
+    return total / len(triples)
+
+
+def n3(entity, relation, triples):
+    """Mean over triples of the cubed moduli of subject, predicate and object, summed over
+    dimensions."""
+    total = 0.0
+    for s, p, o in triples:
+        for vector in (entity[s], relation[p], entity[o]):
+            total += sum(abs(complex(x)) ** 3 for x in vector)
+    return total / len(triples)
+
+
+def slow_ranks(table, triples, known):
+    """Rank each triple's tail, then each triple's head, among all entities but the other known
+    answers."""
+    facts = {tuple(int(i) for i in triple) for triple in known}
+    rows = []
+    for side, (head, relation, tail) in product(
+        ("tail", "head"), [tuple(int(i) for i in t) for t in triples]
+    ):
+        true = tail if side == "tail" else head
+
+        def with_entity(entity, h=head, r=relation, t=tail, side=side):
+            return (h, r, entity) if side == "tail" else (entity, r, t)
+
+        def score(entity, with_entity=with_entity):
+            h, r, t = with_entity(entity)
+            return float(table[r, h, t])
+
+        others = [e for e in range(table.shape[1]) if e != true and with_entity(e) not in facts]
+        better = sum(score(e) > score(true) for e in others)
+        equal = sum(score(e) == score(true) for e in others)
+        everyone = [e for e in range(table.shape[1]) if e != true]
+        raw_better = sum(score(e) > score(true) for e in everyone)
+        raw_equal = sum(score(e) == score(true) for e in everyone)
+        field = [true, *others]
+        best = max(score(e) for e in field)
+        rows.append(
+            {
+                "head": head,
+                "relation": relation,
+                "tail": tail,
+                "side": side,
+                "rank": ((better + 1) + (better + equal + 1)) / 2,
+                "optimistic": better + 1,
+                "pessimistic": better + equal + 1,
+                "raw_rank": ((raw_better + 1) + (raw_better + raw_equal + 1)) / 2,
+                "candidates": len(field),
+                "score": score(true),
+                "tops": {e for e in field if score(e) == best},
+            }
+        )
+    return rows
+
+
+def slow_clusters(graph, chosen, triples):
+    """For each triple, the number of the first pair of a chosen recipe that gives it."""
+    pairs = sorted({(a, b) for a, b, _ in graph.recipes.tolist()})
+    found = []
+    for head, relation, tail in triples:
+        givers = []
+        for is_chosen, (a, b, result) in zip(chosen, graph.recipes.tolist(), strict=True):
+            given = {(a, 0, b), (b, 0, a), (a, 1, result), (b, 1, result)}
+            if is_chosen and (int(head), int(relation), int(tail)) in given:
+                givers.append(pairs.index((a, b)))
+        found.append(min(givers))
+    return found

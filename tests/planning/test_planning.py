@@ -38,8 +38,6 @@ from wordcraft_kg.planning.search import (
     NO_PLAN,
     REUSED,
     PlanSearch,
-    _num_pairs,
-    _pairs,
 )
 from wordcraft_kg.planning.source import BestPlan
 
@@ -195,16 +193,6 @@ def test_a_batch_has_the_values_of_single_states():
         torch.testing.assert_close(values[row], single, rtol=0, atol=1e-4)
 
 
-def test_tried_pairs_are_not_planned_again():
-    search = random_search(1)
-    state = torch.tensor([0]), torch.tensor([[1, 2, 3]]), torch.tensor([0])
-    tried = torch.zeros(1, 3, 3, dtype=torch.bool)
-    tried[0, 0, 1] = tried[0, 1, 0] = True
-    values = search.values(*state, torch.tensor([3]), tried)[0]
-    assert values[0, 1] == values[1, 0] == NO_PLAN
-    assert (values[2] > NO_PLAN).all()
-
-
 def test_a_plan_avoids_tried_pairs_as_its_value_does():
     search = random_search(1)
     goal, table = 0, [1, 2, 3]
@@ -231,16 +219,6 @@ def test_an_entity_alone_has_the_values_of_a_table_with_empty_slots():
         assert alone == pytest.approx(float(padded), abs=1e-5)
 
 
-def test_all_tensors_are_on_the_device_of_the_table():
-    search = random_search(4, width=3)
-    with torch.device("meta"):  # a tensor made without `device` is on no real device
-        for left in (1, 2, 3, 4):
-            goal, table, model = state_of(0, [1, 2, SIZE], device="cpu")
-            values = search.values(goal, table, model, torch.tensor([left], device="cpu"))
-            assert values.device.type == "cpu"
-            assert search.plan(0, [1, 2], (0, 1), model=0, attempts_left=left)
-
-
 def test_a_search_that_does_not_fit_into_memory_says_what_it_would_take():
     search = random_search(0, width=10**6)
     search.knowledge.num_entities = 10**6
@@ -248,15 +226,6 @@ def test_a_search_that_does_not_fit_into_memory_says_what_it_would_take():
         ConfigError, match=r"`plan_width` 1,000,000: candidate plans would take [\d,.]+ GiB"
     ):
         next(search._chunks(torch.arange(3), 4, 5))
-
-
-@pytest.mark.parametrize("slots", [1, 5])
-def test_pairs_are_counted_without_making_them(slots):
-    for most in range(slots + 1):
-        one, other = _pairs(slots, most, torch.device("cpu"))
-        assert len(one) == _num_pairs(slots, most)
-        expected = {(i, j) for i in range(slots) for j in range(i, slots) if i < most or i == j}
-        assert {*zip(one.tolist(), other.tolist(), strict=True)} == expected
 
 
 def test_the_curve_fits_known_probabilities():

@@ -3,7 +3,6 @@
 import pytest
 from report_helpers import link_report
 
-from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.reports.pages import write_report
 
@@ -42,16 +41,3 @@ def full_report(kitchen_model):
 
 
 AWKWARD = "<i>&\"'</i>,"
-
-
-@pytest.fixture(scope="session")
-def awkward_graph():
-    """A graph whose labels would break a page, an attribute or a table that does
-    not escape them."""
-    import numpy as np
-
-    rows = np.random.default_rng(0).integers(14, size=(110, 3))
-    graph = RecipeGraph.from_recipes(
-        [tuple(f"{AWKWARD}{i}" for i in row) for row in rows], name=f"{AWKWARD} graph"
-    )
-    return OpenedGraph(graph, make_split(graph, SplitConfig(train_ratio=0.5)), "awkward")

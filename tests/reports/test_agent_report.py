@@ -96,11 +96,6 @@ def test_runs_that_differ_in_the_seed_are_one_agent(agents):
     assert groups == {"plain": ["plain-0", "plain-1"], "mlp": ["mlp"]}
 
 
-def test_a_run_given_twice_is_an_error(agents):
-    with pytest.raises(ConfigError, match="the same settings and seed"):
-        group_agents([agents[0], agents[0]])
-
-
 def test_the_numbers_are_those_of_the_evaluation(agents, entry):
     for amount in (1, 2, 8):
         evaluator = Evaluator(

@@ -7,14 +7,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from contextlib import nullcontext
 from typing import Any
 
-import numpy as np
 import plain_run
 import pytest
-from helpers import in_file
 
 from wordcraft_kg import (
     AgentConfig,
@@ -136,20 +133,6 @@ def test_a_finished_run_has_results_instead_of_checkpoints(trainer, tmp_path):
     assert all(sha256_of(folder / name) == value for name, value in run.outputs.items())
     with pytest.raises(ArtefactError, match="is finished"), resumed_run(folder, trainer.kind):
         pass
-
-
-@agent_slow
-def test_checkpoints_of_a_run_killed_late_leave_later(trainer, tmp_path):
-    """Checkpoints of a run killed after its last record leave with the next command."""
-    folder = trainer.train(tmp_path / "run").folder
-    (folder / "checkpoints").mkdir()
-    with pytest.raises(OutputExistsError):
-        trainer.train(folder)
-    assert not (folder / "checkpoints").exists()
-    (folder / "checkpoints").mkdir()
-    with pytest.raises(OutputExistsError):
-        check_run_output(folder, force=False)
-    assert not (folder / "checkpoints").exists()
 
 
 def test_a_run_is_on_record_in_its_own_folder_from_the_start(trainer, tmp_path):
@@ -376,17 +359,6 @@ def test_a_run_that_begins_is_left_alone_by_others(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_killed_beginning_of_a_replacement_does_not_make_force_needless(tmp_path):
-    plain_run.train(tmp_path / "run", "the first")
-    (tmp_path / "run").rename(tmp_path / ".run.replaced-by-wordcraft-kg")
-    kill("before the first file", tmp_path / "run")
-    with pytest.raises(OutputExistsError):
-        plain_run.train(tmp_path / "run", "the second")
-    with pytest.raises(RuntimeError, match="no more"):
-        plain_run.train(tmp_path / "run", "", force=True)
-    assert (tmp_path / "run/result").read_text() == "the first"
-
-
 @pytest.mark.parametrize("name", [".search.json.a1b2c3d4.wordcraft-kg", ".mine.json"])
 def test_only_temporary_files_of_a_killed_process_make_way_for_a_new_run(tmp_path, name):
     (tmp_path / "run").mkdir()
@@ -416,63 +388,6 @@ def test_a_run_that_another_process_has_finished_meanwhile_stays(tmp_path, monke
 
 
 # --- killed at any moment -------------------------------------------------------------------------
-
-COMMAND = "import sys; from wordcraft_kg.cli import main; sys.exit(main(sys.argv[1:]))"
-LONG = {
-    "train-complex": (
-        "--epochs",
-        15,
-        "--dim",
-        32,
-        "--n3",
-        0.1,
-        "--folds",
-        2,
-        *in_file("train-complex", checkpoint_every=5),
-    ),
-    "train-recipes": ("--folds", 3, *in_file("train-recipes", train_fraction=0.3)),
-    "train-agent": (
-        "--distractors",
-        4,
-        "--steps",
-        200_000,
-        "--eval-every",
-        50_000,
-        *in_file("train-agent", checkpoint_every=5_000),
-    ),
-}
-
-
-def start(*arguments):
-    command = [sys.executable, "-c", COMMAND, *map(str, arguments)]
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("command", "moments"), [("train-complex", 10), ("train-recipes", 5), ("train-agent", 20)]
-)
-def test_a_run_killed_at_random_ends_with_the_same_bits(tmp_path, command, moments):
-    """Several runs, if need be: one ends after a few kills. A process may also be killed when its work is done."""
-    rng, whole, began = np.random.default_rng(0), tmp_path / "whole", time.monotonic()
-    assert start(command, "everyday", *LONG[command], "--out", whole).wait() == 0
-    took = time.monotonic() - began
-    kills = 0
-    while kills < moments:
-        folder = tmp_path / f"from-{kills}"
-        while True:
-            process = start(command, "everyday", *LONG[command], "--out", folder)
-            try:
-                code = process.wait(took * rng.uniform(0.1, 0.9) if kills < moments else None)
-                break
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-                kills += 1
-        said = process.stderr.read().decode() if process.stderr else ""
-        assert code == 0 or f"'{folder}' exists" in said, said
-        assert learned(folder) == learned(whole)
-        assert {path.name for path in folder.iterdir()} == {path.name for path in whole.iterdir()}
 
 
 def test_a_training_through_a_link_fills_its_target_at_the_end(tmp_path):

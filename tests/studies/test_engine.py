@@ -5,7 +5,6 @@ import shutil
 import signal
 import threading
 import time
-from errno import ENOSPC
 from functools import partial
 
 import msgspec
@@ -22,7 +21,7 @@ from small_study import (
 )
 
 from wordcraft_kg import SplitConfig, WordCraftConfig, World, make_split
-from wordcraft_kg.base import TEMPORARY, ArtefactError, TrainingError, as_values, parse_record
+from wordcraft_kg.base import TEMPORARY, TrainingError, as_values, parse_record
 from wordcraft_kg.graphs.folder import OpenedGraph, PlayedGraph, open_graph
 from wordcraft_kg.reports.pages import render
 from wordcraft_kg.runs.run_folder import locked
@@ -244,19 +243,6 @@ def test_a_full_disk_ends_the_study_with_what_is_done_safe(tmp_path):
     assert set(times_made(tmp_path)) == {1}
 
 
-def test_a_full_disk_is_recognised_behind_the_error_that_names_the_run(done, tmp_path, monkeypatch):
-    plan = small_plan()
-    run_small(tmp_path, plan, lambda task, root: Outcome(task.address, "failed", "not now"))
-
-    def full(*_, **__):
-        raise ArtefactError("cannot be written") from OSError(ENOSPC, "No space left on device")
-
-    monkeypatch.setattr("wordcraft_kg.runs.training.train", full)
-    outcome = perform(plan.tasks[plan.runs[0]], tmp_path)
-    assert outcome.disk_full
-    assert outcome.error == "cannot be written"
-
-
 def test_an_interrupted_training_ends_the_study_which_says_what_is_done(tmp_path):
     began = []
 
@@ -268,14 +254,6 @@ def test_an_interrupted_training_ends_the_study_which_says_what_is_done(tmp_path
         run_plan(small_plan(), tmp_path, Pool(1), work=work)
     assert len(began) == 3
     assert len(run_small(tmp_path, work=pretend)) == 7, "nothing stops the same command"
-
-
-def test_a_second_ctrl_c_ends_the_study_at_once(tmp_path):
-    def work(task, root):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt, match="1 of 10 tasks are done"):
-        run_plan(small_plan(), tmp_path, Pool(1), work=work)
 
 
 def test_a_study_whose_first_file_cannot_be_written_leaves_no_folder(tmp_path):

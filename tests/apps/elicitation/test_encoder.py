@@ -6,7 +6,6 @@ import os
 import shutil
 import sys
 from importlib.metadata import version
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from helpers import refuses
 from short_fits import short_fits
 
 from wordcraft_kg import RecipesConfig, RecipeScorerConfig, load_scorer, train_recipes
-from wordcraft_kg.apps.elicitation import encoder as module
 from wordcraft_kg.apps.elicitation.encoder import encode_labels, write_vectors
 from wordcraft_kg.apps.elicitation.language_model import open_language_model
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, MissingExtraError
@@ -167,19 +165,6 @@ def test_the_command_writes_vectors_of_all_labels(run, encoder_folder, home, mon
     assert not (home / "other").exists()
 
 
-def test_vectors_follow_the_labels_whatever_their_order(encoder_folder, kitchen, monkeypatch):
-    monkeypatch.setattr(module, "_PART", 32)
-    reports = []
-    forth, _ = encode_labels(
-        kitchen.entities, encoder_folder, lambda *report: reports.append(report)
-    )
-    assert [done for done, *_ in reports] == [32, 64, 80]
-    assert reports[-1] == (80, 80, {"minutes_left": 0.0})
-    back, _ = encode_labels(kitchen.entities[::-1], encoder_folder)
-    assert np.array_equal(forth, back[::-1])
-    assert len(np.unique(forth, axis=0)) > 70
-
-
 REFS = {"AutoConfig": "evil.Evil", "AutoModel": "evil.Evil", "AutoModelForCausalLM": "evil.Evil"}
 
 
@@ -312,22 +297,6 @@ def test_a_module_outside_its_folder_is_refused(evil, sentence_folder, path):
         encode_labels(["flour"], folder)
 
 
-def test_an_encoder_of_very_many_modules_is_refused(evil, sentence_folder):
-    folder = evil(sentence_folder)
-    modules = json.loads((folder / "modules.json").read_text())
-    (folder / "modules.json").write_text(json.dumps(modules * 9))
-    with pytest.raises(ArtefactError, match=f"names {9 * len(modules)} modules; expected at most"):
-        encode_labels(["flour"], folder)
-
-
-def test_a_prompt_of_very_many_characters_is_refused(evil, sentence_folder):
-    folder = evil(sentence_folder)
-    prompts = {"long": "x" * 10_001}
-    change(folder / "config_sentence_transformers.json", prompts=prompts)
-    with pytest.raises(ArtefactError, match="a prompt of more than 10,000 characters"):
-        encode_labels(["flour"], folder)
-
-
 @pytest.mark.parametrize("option", ["trust_remote_code", "weights_only", "code_revision"])
 def test_an_option_that_the_loader_decides_is_refused_in_a_folder(evil, sentence_folder, option):
     folder = evil(sentence_folder)
@@ -372,10 +341,3 @@ def test_an_old_version_that_runs_the_code_of_folders_is_refused(monkeypatch, se
     )
     with pytest.raises(MissingExtraError, match=r"sentence-transformers 5\.1\.0 runs .* 6\.0\.1"):
         encode_labels(["flour"], sentence_folder)
-
-
-def test_the_extra_requires_the_version_that_is_checked():
-    from wordcraft_kg.apps.elicitation.foreign_code import SAFE_SENTENCE_TRANSFORMERS
-
-    pyproject = (Path(__file__).parents[3] / "pyproject.toml").read_text()
-    assert f'"sentence-transformers>={SAFE_SENTENCE_TRANSFORMERS}"' in pyproject

@@ -172,21 +172,6 @@ def test_a_label_without_tokens_is_refused(language_model, tmp_path):
     assert not [*tmp_path.iterdir()]
 
 
-def test_rows_of_another_tokenizer_are_not_continued(
-    language_model, kitchen, tmp_path, monkeypatch
-):
-    read = module._LabelProbabilities.read
-    monkeypatch.setattr(
-        module._LabelProbabilities, "after", lambda self, texts: torch.zeros(len(texts), self.size)
-    )
-    monkeypatch.setattr(module, "write_knowledge", lambda *args, **kwargs: 1 / 0)
-    for tokens in (read, lambda self, texts: [text[::-1] for text in read(self, texts)]):
-        monkeypatch.setattr(module._LabelProbabilities, "read", tokens)
-        with pytest.raises(ZeroDivisionError):
-            elicit_knowledge(tmp_path / "lm", kitchen, language_model, PROMPTS[:1])
-    assert len([*tmp_path.iterdir()]) == 2
-
-
 def test_tables_beyond_the_memory_are_refused(language_model, kitchen, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "_LARGEST", 5 * 80 * 80 * 2 - 1)
     with refuses("prompts"):

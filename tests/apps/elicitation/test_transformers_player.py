@@ -2,9 +2,11 @@ import io
 import itertools
 import json
 import runpy
-import shutil
 import sys
+import time
+from copy import copy
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -73,23 +75,6 @@ def test_the_answer_is_the_most_probable_untried_pair(
 
 
 @torch.inference_mode()
-def test_the_answer_by_generation_is_that_of_a_model_without_a_kept_text(reader):
-    for text in ("flour is a part of", "flour is hot", "sugar is a part of flour"):
-        prompt = reader.tokens(text)
-        expected = reader.model.generate(
-            torch.tensor([prompt]),
-            do_sample=False,
-            max_new_tokens=5,
-            eos_token_id=reader.end,
-            pad_token_id=1,
-        )
-        written = [token for token in expected[0, len(prompt) :].tolist() if token != reader.end]
-        assert player()["by_generation"](reader, prompt, 5) == reader.tokenizer.decode(
-            written, skip_special_tokens=True
-        )
-
-
-@torch.inference_mode()
 def test_a_constrained_answer_goes_on_with_the_most_probable_allowed_token(reader):
     """Against a search that reads each beginning anew, without a cache, over all pairs."""
 
@@ -145,26 +130,66 @@ def test_the_answer_by_recipes_is_the_pair_of_the_most_probable_texts(reader, mo
     assert not expected
 
 
-def test_games_without_a_goal_are_refused_by_recipes(reader, monkeypatch):
-    line = json.dumps({"goal": None, "table": ITEMS, "text": "", "new": True})
-    monkeypatch.setattr("sys.stdin", io.StringIO(line + "\n"))
-    with pytest.raises(SystemExit, match="has no goal"):
-        player()["play_by_recipes"](reader)
+sys.path.append(str(Path(__file__).parents[3] / "examples"))
+module = import_module("chat_template")
+ChatTemplate = module.ChatTemplate
+
+LOOP = "{% for _ in range(99999) %}{% for _ in range(99999) %}{% endfor %}{% endfor %}"
+TEMPLATE = (
+    "{% for one in messages %}{{ '<' ~ one.role ~ '> ' ~ one.content | trim }}{{ pad_token }}\n"
+    "{% if one.content == 'loop' %}" + LOOP + "{% endif %}"
+    "{% if one.content == 'fail' %}{{ raise_exception('\x1b[2J no roles') }}{% endif %}"
+    "{% endfor %}{% if add_generation_prompt %}<assistant>{% endif %}"
+)
 
 
-def test_a_tokenizer_without_an_end_of_a_text_is_refused(model_folder):
-    with pytest.raises(ArtefactError, match="no token that ends a text"):
-        reader_of(model_folder)
+def said(*contents):
+    return [{"role": "user", "content": content} for content in contents]
 
 
-def test_a_tokenizer_without_chat_template_is_refused_by_name(model_folder):
-    with pytest.raises(ArtefactError, match="has no chat template"):
-        player()["Reader"](str(model_folder))
+@pytest.fixture
+def tokenizer_with(tokenizer):
+    def make(template):
+        made = copy(tokenizer)
+        made.chat_template = template
+        return made
+
+    return make
 
 
-def test_a_model_that_asks_for_far_more_than_its_weights_is_refused(model_folder, tmp_path):
-    folder = shutil.copytree(model_folder, tmp_path / "model")
-    config = json.loads((folder / "config.json").read_text()) | {"num_hidden_layers": 10**9}
-    (folder / "config.json").write_text(json.dumps(config))
-    with pytest.raises(ArtefactError, match="num_hidden_layers is 1,000,000,000"):
-        player()["Reader"](str(folder))
+def test_a_conversation_is_the_text_of_transformers_and_a_loop_is_ended(
+    tokenizer_with, monkeypatch
+):
+    tokenizer = tokenizer_with(TEMPLATE)
+    template = ChatTemplate(tokenizer)
+    for messages, is_asked in ((said("flour", " é 🚀 "), True), (said("egg"), False)):
+        expected = tokenizer.apply_chat_template(
+            messages, add_generation_prompt=is_asked, tokenize=False
+        )
+        assert template.render(messages, is_asked=is_asked) == expected
+    with pytest.raises(ArtefactError, match=r"template fails: TemplateError: <U\+001B>\[2J no ro"):
+        template.render(said("fail"), is_asked=True)
+    monkeypatch.setattr(module, "SECONDS", 0.3)
+    for _ in range(2):
+        began = time.monotonic()
+        with pytest.raises(ArtefactError, match=r"took more than 0\.3 seconds"):
+            template.render(said("loop"), is_asked=True)
+        assert time.monotonic() - began < 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hostile", ["9 ** (9 ** 9)", "'x' * 10 ** 10", "'x' * 10 ** 8"])
+def test_a_template_takes_neither_all_memory_nor_writes_without_an_end(
+    tokenizer_with, monkeypatch, hostile
+):
+    """The first two are computed when the template is read, and the third is shown."""
+    monkeypatch.setattr(module, "SECONDS", 5.0)
+    template = ChatTemplate(tokenizer_with("{{ (" + hostile + ") | string }}"))
+    with pytest.raises(ArtefactError, match=r"took more than|MemoryError"):
+        template.render(said("flour"), is_asked=True)
+
+
+def test_a_tokenizer_without_a_usual_template_is_refused(tokenizer_with):
+    for template in ("", {"tools": "x"}, 7, "x" * 10_000_001):
+        with pytest.raises(ArtefactError, match="has no chat template"):
+            ChatTemplate(tokenizer_with(template))

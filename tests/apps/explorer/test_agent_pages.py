@@ -3,16 +3,14 @@
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
 
-from tests.apps.explorer.conftest import LEARNED, SHORT
-from tests.apps.explorer.shown import HOSTILE, look, page_of, state_of, view_of
-from wordcraft_kg import AgentConfig, TaskConfig, WordCraftConfig, World, open_agent, train_agent
+from tests.apps.explorer.shown import look, view_of
+from wordcraft_kg import WordCraftConfig, World, open_agent
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.explanation import Explainer
 from wordcraft_kg.agents.players import random_entity
@@ -30,13 +28,7 @@ from wordcraft_kg.apps.explorer.pages.tasks import (
 )
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs import (
-    RecipeBook,
-    RecipeGraph,
-    SplitConfig,
-    make_split,
     make_tasks,
-    open_book,
-    write_graph_folder,
 )
 
 
@@ -149,67 +141,6 @@ def test_in_sample_scores_are_marked(agents, recipes_folder):
     assert ("in-sample This model" in text, "model trained without fold" in text) == (False, True)
 
 
-def explored_of(book, split, home, **tasks):
-    graph = RecipeGraph.from_book(book)
-    write_graph_folder(home / "graph", book, make_split(graph, split))
-    config = AgentConfig(
-        str(home / "graph"), None, TaskConfig(**tasks), LEARNED, replace(SHORT, steps=64)
-    )
-    train_agent(config, home / "run")
-    return Explored.open(home / "graph", [], [home / "run"])
-
-
-@pytest.fixture(scope="module")
-def hostile_agents(tmp_path_factory):
-    rows = [(label, HOSTILE[i - 2], HOSTILE[i - 1]) for i, label in enumerate(HOSTILE)]
-    book = RecipeBook.of("<b>hostile", rows)
-    return explored_of(book, SplitConfig("none"), tmp_path_factory.mktemp("hostile"), distractors=4)
-
-
-def test_hostile_labels_stay_text_and_come_back_from_the_form(hostile_agents):
-    explored, episode = hostile_agents, PAGES["episode"]
-    rows = view_of(explored, TasksState()).table.rows
-    assert {row.goal for row in rows} == {*HOSTILE}
-    pages = [look(explored, TasksState()), look(explored, RunsState())]
-    for row in rows:
-        state = EpisodeState(task=row.number)
-        page, table = look(explored, state), view_of(explored, state).table
-        sent = page.form("selection")
-        again = episode.read("", sent)
-        assert view_of(explored, again).table == table
-        selection = [(name, table[0] if name == "selection" else value) for name, value in sent]
-        assert view_of(explored, episode.read("", selection)).selection == table[0]
-        assert state_of(episode.address(again)) == ("episode", again)
-        goal = view_of(explored, state_of(PAGES["tasks"].address(TasksState(goal=row.goal)))[1])
-        assert [one.goal for one in goal.table.rows] == [row.goal]
-        pages += [page, look(explored, again)]
-    for page in pages:
-        tags = [tag for tag, _ in page.tags]
-        assert (tags.count("img"), tags.count("script")) == (0, 1)  # the site's own script
-        assert "<b>hostile" not in page.page
-    assert any("alert(1)" in page.text for page in pages)
-
-
-@pytest.mark.parametrize(
-    ("kind", "part"),
-    [
-        ("none", "train"),
-        ("by-goal", "test"),
-        pytest.param("by-recipe", "test", marks=pytest.mark.slow),
-    ],
-)
-def test_pages_fit_any_split(tmp_path, kind, part):
-    explored = explored_of(open_book("kitchen"), SplitConfig(kind), tmp_path, distractors=3)  # type: ignore[arg-type]
-    shown = view_of(explored, TasksState())
-    assert (shown.table.part, shown.usual) == (part, part)
-    assert shown.table.counts
-    assert view_of(explored, EpisodeState()).part == part
-    rows = view_of(explored, RunsState()).runs
-    assert set(rows[0].success) == ({"train"} if kind == "none" else {"train", "test"})
-    for name in ("tasks", "episode", "runs", "run"):
-        assert look(explored, PAGES[name].state()).page
-
-
 def lines_of(folder):
     return [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
 
@@ -252,60 +183,6 @@ def test_a_run_shows_curves_and_settings_but_no_folders(agents, tmp_path):
     assert page.count("<svg") >= 6
 
 
-@pytest.fixture
-def unfinished(agents, tmp_path):
-    """Open `plain` as its training left it after some lines of metrics, the last one half written:
-    `live`."""
-    done, live = agents.runs["plain"], tmp_path / "live"
-
-    def unfinished(status, lines, *others):
-        live.mkdir()
-        for name in ("config.toml", "policy.json", "constants.safetensors"):
-            shutil.copy(done / name, live / name)
-        record = json.loads((done / "run.json").read_text())
-        record |= {
-            "status": status,
-            "ended": None if status == "running" else record["ended"],
-            "outputs": {},
-        }
-        (live / "run.json").write_text(json.dumps(record))
-        if lines:
-            text = (done / "metrics.jsonl").read_text().splitlines(keepends=True)
-            (live / "metrics.jsonl").write_text("".join(text[:lines]) + text[lines][:25])
-        return Explored.open(agents.opened.source, [], [live, *others]), live
-
-    return unfinished
-
-
-@pytest.mark.parametrize("status", ["running", "interrupted", "failed"])
-@pytest.mark.parametrize("lines", [0, 1, 4])
-def test_a_run_that_is_not_done_is_shown_as_far_as_it_has_come(agents, unfinished, status, lines):
-    explored, _ = unfinished(status, lines)
-    view, page = view_of(explored, RunState()), look(explored, RunState())
-    written = lines_of(agents.runs["plain"])[:lines]
-    assert view.row.steps == (written[-1]["step"] if written else 0)
-    assert (view.row.status, view.row.is_live, view.outcomes) == (status, status == "running", {})
-    assert (view.row.success == {}) == (lines == 0)
-    live = [
-        attributes["data-live"]
-        for tag, attributes in page.tags
-        if tag == "section" and "data-live" in attributes
-    ]
-    assert live == (["3"] if status == "running" else [])
-    assert "checkpoint" in view.waits_for
-    assert view.waits_for in page.text
-    assert ("<svg" in page.page) == (lines > 0)
-    assert ('data-live="3"' in look(explored, RunsState()).page) == (status == "running")
-    # What needs its weights or its evaluation says what it waits for.
-    tasks = view_of(explored, TasksState())
-    assert tasks.missing == f"live is {status}: results per task follow the evaluation."
-    with pytest.raises(Exception, match="no checkpoint yet"):
-        view_of(explored, EpisodeState())
-    for state in (RunState(), RunsState(), TasksState(), EpisodeState()):
-        assert page_of(state).is_live(explored, state)
-        assert not page_of(state).is_live(agents, state)
-
-
 BREAK: dict[str, Callable[[Path], object]] = {
     "run.json": lambda folder: (folder / "run.json").write_text("{"),
     "config.toml": lambda folder: (folder / "config.toml").write_text("[train-agent]\n"),
@@ -315,8 +192,9 @@ BREAK: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("what", BREAK)
-def test_a_run_that_is_damaged_is_said_to_be_and_the_others_are_shown(agents, unfinished, what):
-    explored, folder = unfinished("running", 3, agents.runs["guided"])
+def test_a_run_that_is_damaged_is_said_to_be_and_the_others_are_shown(agents, tmp_path, what):
+    folder = shutil.copytree(agents.runs["plain"], tmp_path / "live")
+    explored = Explored.open(agents.opened.source, [], [folder, agents.runs["guided"]])
     BREAK[what](folder)
     rows = view_of(explored, RunsState()).runs
     assert [row.status for row in rows] == [None, "done"]
@@ -325,16 +203,6 @@ def test_a_run_that_is_damaged_is_said_to_be_and_the_others_are_shown(agents, un
         page = look(explored, state)
         assert page.text.count(rows[0].problem.split(". ")[0][:60]) == 1
         assert "data-live" not in page.page
-
-
-def test_a_site_of_files_has_no_episode_of_an_agent_that_cannot_be_asked(agents, tmp_path):
-    folder = next(iter(agents.runs.values()))
-    shutil.copytree(folder, failed := tmp_path / "failed")
-    record = json.loads((failed / "run.json").read_text())
-    (failed / "run.json").write_text(json.dumps(record | {"status": "failed"}))
-    explored = Explored(agents.opened, runs={"done": folder, "failed": failed})
-    assert {state.run for state in PAGES["tasks"].states(explored)} == {"", "done", "failed"}
-    assert {state.run for state in PAGES["episode"].states(explored)} == {"", "done"}
 
 
 def played_at_random(opened, depth):

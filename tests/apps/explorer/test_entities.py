@@ -23,7 +23,7 @@ from wordcraft_kg.apps.explorer.pages.entities import (
     search_entities,
 )
 from wordcraft_kg.apps.explorer.pages.home import HomeState
-from wordcraft_kg.graphs import PARTS, Planner, layers
+from wordcraft_kg.graphs import PARTS, layers
 
 PIES = ["pie", "piece", "apple pie", "magpie", "tree"]
 
@@ -163,15 +163,6 @@ def test_recipes_that_make_and_use_an_entity_have_their_parts(neighbours, monkey
         assert found.used_in.paging.total == len(uses)
         parts |= set(uses.values())
     assert parts == set(PARTS)
-
-
-def test_layer_and_crafts_are_those_of_the_planner(kitchen):
-    planner, layer, explored = Planner(kitchen), layers(kitchen), explored_graph(kitchen)
-    for label in kitchen.entities[::9]:
-        found = view_of(explored, EntityState(label))
-        assert found.layer == layer[kitchen.id_of(label)]
-        assert found.crafts == len(planner.derivation(label).steps)
-        assert found.base == (label in kitchen.base)
 
 
 def test_a_model_answers_for_partners_ingredients_and_products(neighbours):

@@ -2,22 +2,18 @@
 
 from itertools import product
 
-import numpy as np
 import pytest
 
 from tests.apps.explorer.shown import explored_by, explored_graph, look, page_of, view_by, view_of
-from wordcraft_kg import ComplExConfig, LinksConfig, RecipeGraph, open_model, train_links
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages.entities import EntityState, RecipesState
 from wordcraft_kg.apps.explorer.pages.link import LinkState, PairState
 from wordcraft_kg.apps.explorer.pages.path import PathState as Goal
-from wordcraft_kg.apps.explorer.predictor import NEW, LinkPredictor, recipes_giving
+from wordcraft_kg.apps.explorer.predictor import NEW, recipes_giving
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.ranking import rank_triples
-
-MANY = [(f"part {i % 7}", f"other {i % 5}", f"thing {i}") for i in range(35)]
 
 
 def held_out(predictor):
@@ -49,14 +45,6 @@ def test_a_link_has_the_score_ranks_and_probability_that_reports_give_it(kernel)
         assert {row.part for row in view.recipes} >= {view.known}
         statuses.add((view.status, view.known))
     assert statuses == {("learned", "train"), ("held out", "valid"), ("held out", "test")}
-
-
-def test_a_learned_link_names_its_recipe_and_others_evidence(kernel):
-    """A learned link names a train recipe and a held out one its evidence."""
-    a, b, _ = kernel.graph.labels(kernel.split.recipes("train")[0])
-    reason = view_by(kernel, LinkState(a, "combinesWith", b)).reason
-    assert reason.learned_from[0] in [tuple(row)[:3] for row in kernel.graph.recipe_labels()]
-    assert view_by(kernel, held_out(kernel)[1]).reason.witnesses
 
 
 def test_a_link_that_is_not_in_the_book_says_so(kernel):
@@ -94,13 +82,6 @@ def test_a_scorer_of_recipes_says_what_it_expects_how_sure_it_is_and_why(rankers
     assert [row.part for row in view.makes if row.recipe.result == result] == ["test"]
 
 
-def test_what_a_scorer_of_recipes_has_learned_is_memory(rankers):
-    a, b, result = rankers.graph.labels(rankers.split.recipes("train")[0])
-    view = view_by(rankers, PairState(a, b))
-    assert {row.slots["result"] for row in view.results if row.in_sample} >= {result}
-    assert (view.link.status, view.link.probability) == ("learned", None)
-
-
 def test_a_scorer_of_links_says_only_whether_a_pair_combines(kernel, explored):
     _, link = held_out(kernel)
     view = view_by(kernel, PairState(link.head, link.tail))
@@ -132,19 +113,6 @@ def test_an_example_offers_others_and_a_choice_does_not(explored, page):
     )
     chosen = Goal("bread") if isinstance(page, Goal) else PairState("flour", "water")
     assert "try another" not in look(explored, chosen).text
-
-
-def test_a_model_of_the_full_graph_says_that_it_has_seen_everything(of_recipes):
-    explored = explored_by(of_recipes(MANY, kg="full", kind="by-recipe-plain"))
-    assert "was trained on all recipes" in look(explored, EntityState("part 1")).text
-    a, b, result = explored.opened.graph.labels(explored.opened.split.recipes("test")[0])
-    assert (
-        "was trained on this link: the score is in-sample"
-        in look(explored, LinkState(a, "combinesWith", b)).text
-    )
-    pair = look(explored, PairState(a, b))
-    assert "recipes in the book are in-sample" in pair.text
-    assert result in pair.text
 
 
 def test_a_book_without_a_split_has_pages_too(of_recipes):
@@ -185,55 +153,6 @@ def test_a_graph_without_recipes_has_no_pair_in_the_menu():
 SLOTS = list(product(range(0, 80, 9), range(len(RELATIONS)), ("head", "tail")))
 
 
-def test_each_entity_of_a_slot_has_its_part_and_learned_mark(neighbours):
-    """Each entity of a slot has the part of its triple and whether it was learned."""
-    seen = set()
-    for entity, relation, side in SLOTS:
-        slot = neighbours.slot(entity, relation, side)
-        triples = slot.triples(np.arange(neighbours.graph.num_entities))
-        part = neighbours.split.part_of(triples)
-        assert np.where(part < 0, NEW, part).tolist() == slot.part.tolist()
-        assert (
-            is_in(triples, neighbours.split.partial, neighbours.graph.num_entities).tolist()
-            == slot.learned.tolist()
-        )
-        scores = neighbours.model.scorer.score(*triples.T[:1], relation, triples[:, 2])
-        assert slot.scores.tolist() == pytest.approx(scores.flatten().tolist())
-        seen |= set(slot.part.tolist())
-    assert seen == {0, 1, 2, NEW}
-
-
-def test_ranks_are_those_of_reports_whether_a_link_is_true_or_not(neighbours):
-    graph = neighbours.graph
-    for entity, relation, side in SLOTS:
-        slot = neighbours.slot(entity, relation, side)
-        triples = slot.triples(np.arange(graph.num_entities))
-        ranked = rank_triples(neighbours.model.scorer, triples, graph.triples)
-        expected = ranked[ranked["side"] == side]
-        assert slot.ranks(np.arange(graph.num_entities)).tolist() == expected["rank"].tolist()
-        for other in (0, 17, 40):
-            found = slot.rank(other)
-            assert (found.rank, found.candidates) == (
-                expected["rank"].iloc[other],
-                expected["candidates"].iloc[other],
-            )
-
-
-def test_the_best_leave_out_what_was_learned_unless_it_is_asked_for(neighbours):
-    flour = neighbours.graph.id_of("flour")
-    slot = neighbours.slot(flour, COMBINES_WITH, "tail")
-    labels = neighbours.graph.entities
-    by_score = sorted(range(len(labels)), key=lambda i: (-slot.scores[i], i))
-    for with_learned in (False, True):
-        answers = neighbours.best(slot, with_learned=with_learned, top=12)
-        listed = [labels[i] for i in by_score if with_learned or not slot.learned[i]]
-        assert [(row.entity, row.position) for row in answers.best] == list(
-            zip(listed, range(1, 13), strict=False)
-        )
-        assert ("learned" in {row.status for row in answers.best}) == with_learned
-        assert (answers.head, answers.relation, answers.tail) == ("flour", "combinesWith", None)
-
-
 def test_beside_the_best_stands_what_is_true_and_was_not_learned(neighbours):
     compared = 0
     for entity, relation, side in SLOTS:
@@ -257,24 +176,6 @@ def test_beside_the_best_stands_what_is_true_and_was_not_learned(neighbours):
     assert compared > 20
 
 
-@pytest.mark.parametrize("has_self_results", [False, True])
-def test_an_entity_in_its_own_slot_is_marked_and_no_component_of_itself(
-    neighbours, monkeypatch, has_self_results
-):
-    """Reading drops recipes that make their ingredient, unless a book is told to keep them."""
-    monkeypatch.setattr(RecipeGraph, "has_self_results", has_self_results)
-    for relation in (COMBINES_WITH, COMPONENT_OF):
-        statuses = set()
-        for label in neighbours.graph.entities:
-            entity = neighbours.graph.id_of(label)
-            slot = neighbours.slot(entity, relation, "tail")
-            found = neighbours.best(slot, with_learned=True, top=1_000, witnesses=0)
-            statuses |= {row.status for row in found.best if row.entity == label}
-            assert "itself" not in {row.status for row in found.best if row.entity != label}
-        is_proposed = relation == COMBINES_WITH or has_self_results
-        assert ("itself" in statuses) == is_proposed
-
-
 def test_each_prediction_names_links_of_training_that_speak_for_it(neighbours):
     known, named = {(a, b) for a, b, _ in neighbours.split.recipes("train").tolist()}, 0
     slot = neighbours.slot(3, COMBINES_WITH, "tail")
@@ -287,46 +188,6 @@ def test_each_prediction_names_links_of_training_that_speak_for_it(neighbours):
             named += 1
     assert named > 10
     assert neighbours.best(slot, witnesses=0).best[0].reason is None
-
-
-@pytest.fixture
-def with_train_sample(parted_kitchen, tmp_path):
-    """Train a tiny ComplEx on a dose of the train recipes."""
-
-    def with_train_sample(**settings):
-        config = LinksConfig(
-            parted_kitchen.source, ComplExConfig(dim=2, epochs=1, n3=0.1, **settings)
-        )  # type: ignore[arg-type]
-        return LinkPredictor(
-            "with_train_sample",
-            tmp_path,
-            open_model(train_links(config, tmp_path / "model").folder),
-        )
-
-    return with_train_sample
-
-
-def test_what_a_dose_left_out_is_true_but_not_learned(with_train_sample):
-    predictor = with_train_sample(folds=0, train_fraction=0.5)
-    slots = [
-        predictor.best(predictor.slot(*slot), with_learned=True, top=80, witnesses=0)
-        for slot in SLOTS
-    ]
-    statuses = {(row.status, row.known) for slot in slots for row in slot.best}
-    assert {("not learned", "train"), ("learned", "train"), ("held out", "test")} <= statuses
-    assert ("learned", "test") not in statuses
-
-
-def test_what_was_taught_wrong_is_learned_and_has_no_probability(with_train_sample):
-    predictor = with_train_sample(folds=2, label_noise=0.5)
-    train_sample = predictor.model.train_sample
-    a, _, result = train_sample.among(train_sample.is_wrong)[0].tolist()
-    found = predictor.best(
-        predictor.slot(a, COMPONENT_OF, "tail"), with_learned=True, top=80, witnesses=0
-    )
-    (wrong,) = [row for row in found.best if row.entity == predictor.graph.entities[result]]
-    assert (wrong.status, wrong.known, wrong.probability) == ("learned", "new", None)
-    assert any(row.probability is not None for row in found.best)
 
 
 def test_the_recipes_of_a_link_are_those_that_give_its_triple(neighbours):

@@ -128,34 +128,9 @@ def test_a_chain_leads_between_two_entities_or_is_missing(start, goal, ends, rec
     assert all(recipe.replace("->", "→") in page.text for recipe in recipes)
 
 
-def test_no_chain_is_shorter_than_the_shown_one(kitchen):
-    explored, length = (
-        explored_graph(kitchen),
-        dict.fromkeys(kitchen.entities, 1_000) | {"water": 0},
-    )
-    for _ in kitchen.entities:
-        for a, b, result in kitchen.recipe_labels():
-            length[result] = min(length[result], length[a] + 1, length[b] + 1)
-    for goal in kitchen.entities[::5]:
-        chain = view_of(explored, PathState(goal, start="water")).chain
-        assert (chain.end == goal and len(chain.steps)) == length[goal] % 1_000
-
-
 def test_a_path_without_a_goal_leads_to_an_entity_of_the_last_layer(explored):
     view = view_of(explored, PathState())
     assert view == view_of(explored, PathState(entity=view.entity))
-
-
-@pytest.mark.slow
-def test_pages_of_an_entity_whose_cost_has_thousands_of_digits_can_be_read():
-    explored = explored_graph(chain(15_000))
-    for state, text in (
-        (EntityState("15000"), "15,000 crafts"),
-        (PathState("15000"), "about 2.8 × 10^4515"),
-    ):
-        assert text in look(explored, state).text
-        checked_values(view_of(explored, state))
-    assert "about 2.8 × 10^4515" in repr(Planner(explored.opened.graph).derivation("15000"))
 
 
 def test_a_graph_without_entities_has_no_path():

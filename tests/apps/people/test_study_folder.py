@@ -11,18 +11,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 from helpers import refuses
 
 from tests.apps.people.stored import at_once, contents, go_on, lines_of, other_world, unchanged
-from wordcraft_kg.apps.people import answers_database
-from wordcraft_kg.apps.people.answers_database import (
-    ANSWERS_FILE,
-    AnswersDatabase,
-    Cell,
-)
+from wordcraft_kg.apps.people.answers_database import ANSWERS_FILE, AnswersDatabase, Cell
 from wordcraft_kg.apps.people.config import (
     MOST_CONDITIONS,
     MOST_FORMS,
@@ -49,7 +43,7 @@ from wordcraft_kg.base import (
 from wordcraft_kg.base.statistics import wilson_interval
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import table_labels
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
+from wordcraft_kg.graphs import SplitConfig, make_split
 
 SMALL = StudyConfig(tasks=3, distractors=(1, 8), forms=2, seed=5)
 
@@ -133,12 +127,6 @@ def test_the_tasks_of_a_form_are_those_of_the_protocol(study, kitchen):
         protocol = HumanProtocol(kitchen, cell.distractors)
         expected = tuple(protocol.task(5 + cell.form, *turn) for turn in schedule(3))
         assert study.tasks(cell) == expected
-
-
-def test_several_threads_get_the_same_tasks(kitchen):
-    fresh, found = HumanStudy(kitchen, SMALL), []
-    at_once(lambda: found.append(fresh.tasks(fresh.cells[0])), 8)
-    assert set(found) == {HumanStudy(kitchen, SMALL).tasks(fresh.cells[0])}
 
 
 @pytest.mark.parametrize(
@@ -311,18 +299,6 @@ def test_a_folder_that_cannot_be_written_is_refused_at_the_start(folder, monkeyp
         opened(folder)
 
 
-def test_a_study_that_begins_on_a_full_disk_leaves_nothing(study, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        answers_database, "TABLES", ("PRAGMA max_page_count = 2", *answers_database.TABLES)
-    )
-    with (
-        pytest.raises(ArtefactError, match="database or disk is full"),
-        kept_answers(tmp_path / "study", study),
-    ):
-        pass
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -338,21 +314,11 @@ def test_a_study_with_other_settings_is_refused(kitchen, folder, changes, messag
         check_study_folder(folder, HumanStudy(kitchen, replace(SMALL, **changes)).record)
 
 
-def test_a_study_with_other_page_texts_is_refused(study, folder):
-    with unchanged(folder), pytest.raises(ConfigError, match="other texts"):
-        check_study_folder(folder, msgspec.structs.replace(study.record, texts_hash="0" * 64))
-
-
 @pytest.mark.slow
 def test_a_study_of_another_graph_or_split_is_refused(kitchen, folder):
     for other in ("everyday", other_world(kitchen, "split")):
         with pytest.raises(GraphMismatchError):
             check_study_folder(folder, HumanStudy(other, SMALL).record)
-
-
-def test_the_same_study_under_another_name_of_its_graph_goes_on(kitchen, folder):
-    renamed = RecipeGraph(kitchen.entities, kitchen.recipes, kitchen.base_ids, "cuisine")
-    assert check_study_folder(folder, HumanStudy(renamed, SMALL).record)
 
 
 def test_what_is_no_study_is_refused_and_an_empty_folder_is_not(study, tmp_path):
@@ -456,23 +422,6 @@ def test_answers_that_cannot_be_are_refused(study, folder, change):
         read_study(folder)
 
 
-@pytest.mark.parametrize(
-    "foreign",
-    [
-        "CREATE TRIGGER t AFTER INSERT ON answers BEGIN DELETE FROM answers; END",
-        "DROP TABLE answers; CREATE VIEW answers AS SELECT 1 AS session, 'train' AS part, 1 AS "
-        "number, 'a' AS goal, '[]' AS slots, '[]' AS actions, '[]' AS made, 0 AS success, 0.0 AS "
-        "seconds, 1 AS loads",
-        "CREATE TABLE more (thing TEXT)",
-    ],
-)
-def test_a_database_with_more_than_a_study_s_tables_is_refused_and_stays(folder, foreign):
-    opened(folder).close()
-    with closing(sqlite3.connect(folder / ANSWERS_FILE)) as connection:
-        connection.executescript(foreign)
-    refuses_all(folder, read_study, opened, match="expected the tables of a study")
-
-
 def test_a_database_that_was_not_finished_is_made_again(study, folder):
     (folder / ANSWERS_FILE).unlink()
     (folder / f".{ANSWERS_FILE}.new").write_bytes(b"half")
@@ -531,21 +480,6 @@ def test_an_answer_is_what_an_environment_says_of_the_same_picks(protocol):
             assert answer.seconds == 1.23
             outcomes.add((answer.success, bool(answer.made)))
     assert outcomes == {(True, True), (False, True), (False, False)}
-
-
-def test_the_goals_are_the_same_with_any_number_of_distractors(protocol):
-    few = HumanProtocol(protocol.world, 1)
-    for turn in schedule():
-        assert few.task(0, *turn).goal == protocol.task(0, *turn).goal
-        assert len(few.task(0, *turn).table) == len(protocol.task(0, *turn).table) - 7
-
-
-def test_a_task_does_not_depend_on_what_was_posed_before(protocol, kitchen):
-    env, observation = HumanProtocol(kitchen).pose(0, "test", 7)
-    first = env.task, table_labels(env, observation)
-    for number in (3, 7):
-        env, observation = protocol.pose(0, "test", number)
-    assert (env.task, table_labels(env, observation)) == first
 
 
 def test_episode_seeds_differ_by_seed_part_and_number_and_never_change():

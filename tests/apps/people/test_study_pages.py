@@ -1,22 +1,18 @@
 """A study's pages as a browser gets them: consent, tasks, answers once, and nothing about the
 person."""
 
-import asyncio
 import re
-import time
 from contextlib import contextmanager
 from html import unescape
 
 import pytest
 from starlette.testclient import TestClient
 
-from tests.apps.explorer.shown import HOSTILE
 from tests.apps.people.stored import lines_of
 from wordcraft_kg.apps.people.config import StudyConfig
 from wordcraft_kg.apps.people.study import HumanStudy, kept_answers
-from wordcraft_kg.apps.people.web_app import code_hash, make_study_app, steady_clock
+from wordcraft_kg.apps.people.web_app import code_hash, make_study_app
 from wordcraft_kg.apps.web.guard import HEADERS, LONGEST_BODY
-from wordcraft_kg.graphs import RecipeGraph
 
 CODE = "k7qm-2xwd-9hrt"
 CONSENT = "Do you <b>agree</b>?\n\nSecond & last\nline."
@@ -394,90 +390,6 @@ def test_an_error_within_shows_nothing_of_itself(browser, code, monkeypatch):
     assert browser.status == 500
     assert "secret" not in page
     assert "Answers that were stored before are kept" in page
-
-
-def test_the_machine_s_time_does_not_count(monkeypatch):
-    clock = steady_clock()
-    began = clock()
-    assert abs(began - time.time()) < 5
-    for now in (0.0, 1e9, 1e10):
-        monkeypatch.setattr(time, "time", lambda now=now: now)
-        assert 0 <= clock() - began < 5
-
-
-def test_a_half_sent_form_is_refused_when_the_server_stops(browser, caplog):
-    headers = [(b"host", b"localhost"), (b"content-length", b"100")]
-    scope = {
-        "type": "http",
-        "method": "POST",
-        "path": "/begin",
-        "query_string": b"",
-        "headers": headers,
-    }
-    sent = []
-
-    async def send(message):
-        sent.append(message)
-
-    async def serve():
-        running = asyncio.create_task(browser.app(scope, asyncio.Event().wait, send))
-        await asyncio.sleep(0)
-        running.cancel()
-        await running
-
-    asyncio.run(serve())
-    assert (sent[0]["status"], caplog.records) == (503, [])
-
-
-@pytest.mark.slow
-def test_on_a_full_disk_an_answer_can_be_sent_again(kitchen, tmp_path, caplog):
-    """On a full disk an answer is not acknowledged and can be sent again."""
-    study = HumanStudy(kitchen, StudyConfig(tasks=40, forms=1))
-    with browsing(study, tmp_path / "study") as browser:
-        connection, code = browser.answers._connection, browser.begin()
-        (pages,) = connection.execute("PRAGMA page_count").fetchone()
-        connection.execute(f"PRAGMA max_page_count = {pages}")
-        acknowledged = 0
-        while browser.status != 500:
-            browser.get(f"/s/{code}/task")
-            if browser.status != 500:
-                browser.answer(code, 1, 2)
-                acknowledged += browser.status != 500
-            assert acknowledged < 80
-        assert "Something went wrong" in browser.page
-        assert [
-            (record.exc_info, "disk is full" in record.message) for record in caplog.records
-        ] == [(None, True)]
-        assert len(browser.lines()) == acknowledged
-        connection.execute("PRAGMA max_page_count = 1000000")
-        browser.take(code, 1, 2)
-        assert [line.number for line in browser.lines()] == list(range(1, acknowledged + 2))
-
-
-def test_labels_stay_text(tmp_path):
-    rows = [
-        (one, other, made)
-        for one, other, made in zip(HOSTILE, HOSTILE[1:], HOSTILE[2:], strict=False)
-    ]
-    graph = RecipeGraph.from_recipes(
-        [*rows, *rows[:1], ("water", "earth", "mud"), ("mud", "water", "clay")]
-    )
-    study = HumanStudy(graph, StudyConfig(tasks=6, distractors=(4,), forms=1))
-    with browsing(study, tmp_path / "study") as browser:
-        code = browser.begin()
-        plain = browser.get(f"/s/{code}/task").count("<")
-        for place, task in enumerate(study.tasks(study.cells[0])):
-            page = browser.get(f"/s/{code}/task")
-            assert page.count("<") == plain
-            assert [unescape(text) for text in re.findall(r'class="label">([^<]*)<', page)] == list(
-                task.table
-            )
-            browser.get(f"/s/{code}/task?task={place}&first=1")
-            browser.answer(code, 1, 2)
-        assert browser.place.endswith("/end")
-        assert [line.table for line in browser.lines()] == [
-            task.table for task in study.tasks(study.cells[0])
-        ]
 
 
 def test_a_person_selects_the_items_of_a_set_and_combines_them(tmp_path):

@@ -7,9 +7,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
-import time
-from collections import Counter
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,7 +16,7 @@ import pytest
 
 from tests.apps.people.stored import go_on, refused, unchanged
 from wordcraft_kg.apps.people.config import StudyConfig
-from wordcraft_kg.apps.people.study import HumanStudy, kept_answers, read_study
+from wordcraft_kg.apps.people.study import HumanStudy, kept_answers
 
 CLIENT = httpx2.Client(follow_redirects=True, timeout=30)
 ROOT = Path(__file__).parents[3]
@@ -72,16 +69,6 @@ def summary(run):
     return lambda *arguments: run("people", "summary", *arguments)
 
 
-@pytest.fixture(autouse=True)
-def nothing_waits(monkeypatch):
-    """A command that should be refused, and is not, would wait for people in this process."""
-
-    def serve(*_):
-        raise AssertionError("it serves")
-
-    monkeypatch.setattr("wordcraft_kg.apps.web.serving.serve", serve)
-
-
 def test_who_asks_is_private_and_a_manager_ends_it_like_ctrl_c(tmp_path):
     """Who asks is nobodys business and a service manager ends it like ctrl c."""
     with served(tmp_path / "study", "--verbose") as (process, address):
@@ -100,16 +87,6 @@ def test_who_asks_is_private_and_a_manager_ends_it_like_ctrl_c(tmp_path):
     assert "127.0.0.1" not in log
 
 
-@pytest.mark.slow
-def test_two_servers_do_not_share_a_folder(run, tmp_path):
-    out = tmp_path / "study"
-    with served(out) as (_, address):
-        code = begin(address)
-        outcome = run(*SERVE, out, *SMALL)
-        assert "is being served by another process" in refused(outcome, "ArtefactError")
-        assert "The study begins with 2 practice tasks" in page(address, f"/s/{code}")
-
-
 def test_a_port_in_use_is_an_error_before_anything_is_written(run, tmp_path):
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
@@ -120,17 +97,6 @@ def test_a_port_in_use_is_an_error_before_anything_is_written(run, tmp_path):
         )
     assert f"--port {port} is in use by another program" in refused(outcome)
     assert not (tmp_path / "study").exists()
-
-
-@pytest.mark.slow
-def test_names_behind_a_proxy_are_allowed_one_by_one(tmp_path):
-    with served(tmp_path / "study", "--allow-host", "lab.example.org") as (_, address):
-        for host, status in (
-            ("lab.example.org", 200),
-            ("LAB.example.org:443", 200),
-            ("evil.example.org", 421),
-        ):
-            assert CLIENT.get(address, headers={"Host": host}).status_code == status
 
 
 @pytest.fixture(scope="module")
@@ -212,42 +178,3 @@ def test_a_summary_refuses_what_it_cannot_sum_up(summary, begun, tmp_path):
     assert "expected a study" in refused(summary())
     for path in (begun / "study.json", tmp_path, tmp_path / "nowhere"):
         refused(summary(path), "ArtefactError")
-
-
-@pytest.mark.slow
-def test_no_answer_is_lost_or_double_with_a_killed_server(tmp_path):
-    """Of people at once and a killed server no answer is lost and none is double."""
-    out, acknowledged, failed = tmp_path / "study", [], []
-
-    def take_part(address):
-        try:
-            while True:
-                code = begin(address)
-                for task in range(4):
-                    answer(address, code, task)
-                    acknowledged.append((code, task))
-        except httpx2.TransportError as error:  # the server is away
-            failed.append(error)
-
-    with served(out) as (process, address):
-        people = [threading.Thread(target=take_part, args=(address,)) for _ in range(6)]
-        for person in people:
-            person.start()
-        while len(acknowledged) < 30:
-            time.sleep(0.01)
-        process.kill()
-        for person in people:
-            person.join(30)
-    assert len(failed) == 6
-    study = read_study(out)  # a task that was answered twice would be out of its order
-    stored = sum(len(given) for given in study.answers.values())
-    assert len(acknowledged) <= stored <= len(acknowledged) + 6
-    cells = Counter(person.cell for person in study.people)
-    assert max(cells.values()) - min(cells.values()) <= 1
-    with served(out) as (_, address):
-        for code in {code for code, _ in acknowledged}:
-            done = 1 + max(task for other, task in acknowledged if other == code)
-            shown = page(address, "/return", code=code)
-            assert re.search(
-                f"({done}|{done + 1}) of 4 tasks completed|Thank you for participating", shown
-            )

@@ -53,3 +53,11 @@ def assert_same(found, expected):
     for name in ("tasks", "success", "by_plan", "actions", "terminations"):
         assert np.array_equal(getattr(found, name), getattr(expected, name)), name
     assert found.metrics() == expected.metrics()
+
+
+def plan_pairs(game):
+    """Return the label pairs of a plan of a game's task, in order."""
+    rows = game.tasks.plans[game.task][0]
+    pairs = (game.graph.labels(pair) for pair in game.graph.recipes[rows, :2].tolist())
+    # A pair with two results stands twice in a plan that needs both.
+    return [*dict.fromkeys(pairs)]

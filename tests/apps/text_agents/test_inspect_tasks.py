@@ -3,7 +3,6 @@ logs read back."""
 
 import importlib
 import logging
-import subprocess
 import sys
 import tomllib
 from importlib import import_module
@@ -288,15 +287,6 @@ def test_inspect_finds_both_tasks_by_the_package_s_name():
         "wordcraft_kg/crafting",
         "wordcraft_kg/discovery",
     ]
-
-
-@pytest.mark.slow
-def test_finding_the_tasks_loads_no_torch():
-    # Inspect loads the tasks of all packages, whichever task is evaluated.
-    module = "wordcraft_kg.apps.text_agents.inspect_tasks"
-    code = f"import {module}, sys; print({{'torch', 'pandas', 'pykeen'}} & {{*sys.modules}})"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "set()"
 
 
 def test_without_inspect_the_error_names_the_extra(monkeypatch):

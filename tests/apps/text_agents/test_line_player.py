@@ -249,20 +249,3 @@ def test_the_example_says_in_a_line_that_no_chat_server_answers(chat_server, add
     )
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (1, "", 1)
     assert re.search(says, done.stderr)
-
-
-@pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
-def test_the_example_asks_a_server_on_this_machine_without_the_proxy(chat_server, host):
-    path = Path(__file__).parents[3] / "examples" / "chat_player.py"
-    message = {"new": True, "text": "Goal: dough\nTable: 1 flour, 2 water"}
-    nobody = "http://127.0.0.1:9"
-    done = subprocess.run(
-        [sys.executable, str(path), "small", chat_server.replace("127.0.0.1", host)],
-        input=json.dumps(message) + "\n",
-        env=os.environ | dict.fromkeys(("http_proxy", "HTTP_PROXY"), nobody),
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.count("\n") == 1

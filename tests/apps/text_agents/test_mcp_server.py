@@ -3,20 +3,16 @@ HTTP."""
 
 import asyncio
 import json
-import os
-import signal
 import socket
-import subprocess
 import sys
 import threading
 import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
 import httpx2
 import pytest
-from h11 import LocalProtocolError
 
 pytest.importorskip("mcp.server")
 
@@ -49,7 +45,6 @@ CLIENT = {
     "clientInfo": {"name": "test", "version": "1"},
 }
 HELLO = json.dumps({"jsonrpc": "2.0", "id": 7, "method": "initialize", "params": CLIENT}).encode()
-PING = b'{"jsonrpc": "2.0", "id": 8, "method": "ping"}'
 
 
 @pytest.fixture
@@ -103,24 +98,6 @@ def test_the_games_of_a_benchmark_track_become_a_submission_that_verifies(tmp_pa
     bench_run(track, player=f"mcp:{path}", out=tmp_path / "out")
     submission = verify(tmp_path / "out")
     assert (submission.figures.games, submission.prompts) == (len(opened), "standard")
-
-
-def test_a_malformed_request_that_the_connection_has_answered_is_no_error():
-    async def send(message):
-        raise LocalProtocolError("can't handle event type Response when state=MUST_CLOSE")
-
-    async def receive():
-        return {"type": "http.disconnect"}
-
-    scope = {
-        "type": "http",
-        "method": "POST",
-        "path": "/elsewhere",
-        "headers": [],
-        "query_string": b"",
-    }
-    app = make_http_app(make_server(hosted()))
-    asyncio.run(app(scope, receive, send))
 
 
 @contextmanager
@@ -363,17 +340,6 @@ def test_a_record_that_cannot_be_written_is_an_error_and_written_later(tmp_path,
     assert (line.task, line.actions) == (0, 2)
 
 
-def test_a_file_whose_header_cannot_be_written_disappears_with_its_folder(tmp_path, monkeypatch):
-    def full(file):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.fsync", full)
-    kept = games_writer(tmp_path / "new" / "games.jsonl", header_of(hosted()))
-    with pytest.raises(OSError, match="No space"), kept:
-        pass
-    assert not [*tmp_path.iterdir()]
-
-
 def test_a_file_without_games_is_refused_and_not_even_touched(tmp_path):
     path, host = tmp_path / "run.json", hosted()
     path.write_text('{"kind": "train-agent"}\n')
@@ -408,80 +374,11 @@ def played_alone(tasks):
     return connect(make_server(hosted()), transcripts(tasks))
 
 
-@contextmanager
-def running(*options):
-    """Run the command in another process."""
-    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    process = subprocess.Popen(
-        [sys.executable, *COMMAND, *options], cwd=ROOT, env=environment, **pipes
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
-
-
-@pytest.mark.slow
-def test_clients_of_both_versions_of_the_protocol_play_at_once_over_http():
-    async def session(address, task):
-        async with Client(address, mode=MODES[task % 2]) as client:
-            return await transcript(partial(called, client), task)
-
-    async def together(address):
-        return await asyncio.gather(*(session(address, task) for task in range(4)))
-
-    with served(hosted()) as address:
-        assert asyncio.run(together(address)) == played_alone(range(4))
-
-
 @pytest.mark.slow
 def test_the_same_game_is_played_by_another_process_on_standard_streams(tmp_path):
     path = {"PYTHONPATH": str(ROOT), "PYTHONHASHSEED": "7"}
     command = StdioServerParameters(command=sys.executable, args=COMMAND, env=path, cwd=tmp_path)
     assert connect(command, transcripts((0, 40)), "legacy") == played_alone((0, 40))
-
-
-@pytest.mark.slow
-def test_malformed_messages_on_stdin_are_passed_over():
-    """Malformed messages on stdin are passed over and the last ones answered though the input ends."""
-    malformed = (
-        b"nonsense",
-        b'{"jsonrpc": "2.0"}',
-        b'"\xff\xfe"',
-        b"[" * 100_000,
-        b"x" * 3_000_000,
-    )
-    ready = b'{"jsonrpc": "2.0", "method": "notifications/initialized"}'
-    with running("--quiet") as process:
-        out, err = process.communicate(
-            b"\n".join((*malformed, HELLO, ready, PING, PING)), timeout=20
-        )
-    begun, *answers = map(json.loads, out.splitlines())
-    assert (begun["id"], begun["result"]["serverInfo"]["name"]) == (7, "wordcraft-kg")
-    assert ([answer["id"] for answer in answers], err, process.returncode) == ([8, 8], b"", 0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_server_ends_on_a_signal_though_its_client_does_not_read(number):
-    with running() as process:
-
-        def write():
-            with suppress(BrokenPipeError):
-                process.stdin.write(b"\n".join([PING] * 5_000))
-
-        process.stdin.write(HELLO + b"\n")
-        process.stdin.flush()
-        assert process.stdout.readline()
-
-        writing = threading.Thread(target=write)
-        writing.start()
-        writing.join(3)
-        process.send_signal(number)
-        assert process.wait(5) == -number
-        writing.join()
 
 
 def test_a_client_that_leaves_within_its_request_is_no_error(caplog):
@@ -536,22 +433,6 @@ def test_over_http_a_game_goes_on_in_another_connection(mode):
             address, lambda client: called(client, "state", game=begun["game"]), mode
         )
     assert (state["game"], state["attempts_left"]) == (begun["game"], 1)
-
-
-@pytest.mark.slow
-def test_answers_over_http_survive_a_kill(tmp_path):
-    """The command serves over http and answered games are kept though it is killed."""
-    out = tmp_path / "games.jsonl"
-    with running("--transport", "http", "--port", "0", "--json", "--out", str(out)) as process:
-
-        async def play(client):
-            _, begun = await called(client, "begin", task=3)
-            await called(client, "combine", game=begun["game"], first=1, second=1)
-            process.send_signal(signal.SIGKILL)
-
-        connect(json.loads(process.stdout.readline())["address"], play)
-    (line,) = games_of(out)
-    assert (line.task, line.termination) == (3, "same_twice")
 
 
 def test_bad_options_are_refused_before_anything_is_served(run, tmp_path):

@@ -13,12 +13,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("starlette")
-
 from starlette import testclient
 from starlette.websockets import WebSocketDisconnect
 
+from tests.apps.text_agents.scripted import plan_pairs
 from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.hosted_games import GameList, games_writer, open_play
 from wordcraft_kg.apps.text_agents.openenv_server import make_openenv_app
@@ -26,6 +24,8 @@ from wordcraft_kg.apps.text_agents.records import GamesHeader
 from wordcraft_kg.apps.text_agents.results import read_games
 from wordcraft_kg.apps.text_agents.submission import replay
 from wordcraft_kg.apps.text_agents.trl import CraftingEnvironment, crafting_rows
+
+pytest.importorskip("starlette")
 
 ROOT = Path(__file__).parents[3]
 HAS_WEB_SOCKETS = importlib.util.find_spec("websockets") is not None
@@ -55,14 +55,6 @@ def session(client):
 def seen(answer):
     assert answer["type"] == "observation", answer
     return answer["data"]
-
-
-def solution(play, task):
-    """Return the label pairs of a plan of a task."""
-    game = play.games.begin(task)
-    rows = game.tasks.plans[task][0]
-    pairs = (game.graph.labels(pair) for pair in game.graph.recipes[rows, :2].tolist())
-    return [*dict.fromkeys(pairs)]
 
 
 def test_http_describes_the_protocol_and_says_where_to_play():
@@ -100,7 +92,7 @@ def test_a_plan_by_each_kind_of_action_earns_the_reward():
                 assert begun["observation"]["task_id"] == game.name
                 assert "Choose two of the listed items" in begun["observation"]["text"]
                 rewards = []
-                for pair in solution(game.play, game.task):
+                for pair in plan_pairs(game.play.games.begin(game.task)):
                     last = seen(ask("step", act(pair)))
                     rewards.append(last["reward"])
                 assert sum(rewards) == 1
@@ -217,16 +209,6 @@ def test_invalid_answers_of_any_length_count_and_end_the_game():
         assert over["observation"]["text"].startswith("This game is over.")
         assert (over["done"], over["reward"]) == (True, 0)
         assert ask("state")["data"] == {"episode_id": "mine", "step_count": 4}
-
-
-def test_look_ups_need_knowledge():
-    games = kitchen_games("test", (1,), knowledge="partial", look_ups=1)
-    with session(client_of(games)) as ask:
-        assert "look up" in seen(ask("reset", {"index": 0}))["observation"]["text"]
-        assert "Known recipes" in seen(ask("step", {"look_up": "water"}))["observation"]["text"]
-        second = seen(ask("step", {"look_up": "water"}))
-    assert "no look-ups left" in second["observation"]["text"]
-    assert second["metadata"]["look_ups"] == 1
 
 
 def test_the_number_of_sessions_is_bounded_and_a_place_becomes_free():
@@ -407,48 +389,6 @@ def running(*options, files=None):
     finally:
         process.kill()
         process.communicate()
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not HAS_WEB_SOCKETS, reason="the extra openenv is not installed")
-def test_few_open_files_bound_the_sessions_and_a_finished_one_makes_room(tmp_path):
-    from websockets.asyncio.client import connect
-    from websockets.exceptions import InvalidStatus
-
-    async def ask(socket, kind, data):
-        await socket.send(json.dumps({"type": kind, "data": data}))
-        return json.loads(await socket.recv())
-
-    async def flood(address):
-        sockets = []
-        refused = []
-        for _ in range(150):
-            try:
-                sockets.append(await connect(f"ws{address[4:]}/ws", proxy=None))
-            except InvalidStatus as error:
-                refused.append(error.response.status_code)
-        # Those who are told that there is no room may keep their sockets, but not without end.
-        playing = sockets[:48]
-        assert len(sockets) + len(refused) == 150
-        assert {*refused} <= {503}
-        for number, socket in enumerate(playing):
-            assert (await ask(socket, "reset", {"index": number}))["type"] == "observation"
-            assert (await ask(socket, "step", {"answer": "1 + 2"}))["data"]["done"]
-        for socket in sockets:
-            socket.transport.abort()
-        async with connect(f"ws{address[4:]}/ws", proxy=None) as socket:
-            assert (await ask(socket, "reset", {"index": 0}))["type"] == "observation"
-
-    path = tmp_path / "games.jsonl"
-    with running("--out", str(path), files=256) as (process, address):
-        asyncio.run(flood(address))
-        assert process.poll() is None
-        process.send_signal(signal.SIGINT)
-        errors = process.stderr.read().decode()
-        assert process.wait(10) == 0
-    assert "48 sessions in place of 256" in errors
-    assert "Traceback" not in errors
-    assert len(read_games(path)[1]) == 48
 
 
 @pytest.mark.slow

@@ -2,12 +2,9 @@
 
 import io
 import json
-import os
 import re
-import subprocess
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -21,7 +18,6 @@ PLAY = ("play", "kitchen")
 ONCE = (*PLAY, "--episodes", "1", "--seed")
 WORLD = ("play", "everyday", "--open-ended")
 GOOD = ["water + earth", "air, air"]  # mud and wind
-ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture
@@ -100,21 +96,6 @@ def test_q_or_the_end_of_the_input_ends_the_game_in_good_order(typed, lines):
     outcome = typed(lines, *PLAY, "--seed", "7")
     assert (outcome.code, outcome.err) == (0, "")
     assert outcome.out.splitlines()[-1] == "goals made: 0 of 0   to repeat these tasks: --seed 7"
-
-
-@pytest.mark.slow
-def test_input_that_is_not_text_is_bad_input():
-    command, environment = (
-        [sys.executable, "-m", "wordcraft_kg"],
-        os.environ | {"PYTHONIOENCODING": "utf-8:strict"},
-    )
-    text = b"\xff\xfe\n1 1"
-    done = subprocess.run(
-        [*command, *ONCE, "2"], input=text, capture_output=True, cwd=ROOT, env=environment
-    )
-    assert (done.returncode, done.stderr) == (0, b"")
-    assert b"expected two items" in done.stdout
-    assert done.stdout.endswith(b"goals made: 0 of 1   to repeat these tasks: --seed 2\n")
 
 
 @pytest.mark.parametrize(

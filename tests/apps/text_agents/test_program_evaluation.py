@@ -184,10 +184,3 @@ def test_a_program_without_a_folder_has_one_below_text_agents(play, tmp_path):
     assert [path.relative_to(tmp_path) for path in tmp_path.rglob(GAMES_FILE)] == [
         Path("text-agents", "player.py", GAMES)
     ]
-
-
-def test_a_file_in_place_of_the_folder_is_left_alone(play):
-    Path("file").write_text("x")
-    outcome = play(out="file")
-    assert (outcome.code, "Traceback" in outcome.err) == (1, False)
-    assert Path("file").read_text() == "x"

@@ -1,11 +1,13 @@
 """The environment and data set for TRL, by what TRL 1.16 asks of them."""
 
 import json
+from pathlib import Path
 
 import gymnasium as gym
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from tests.apps.text_agents.scripted import plan_pairs
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.hosted_games import open_play
 from wordcraft_kg.apps.text_agents.settings import EvaluationSettings
@@ -13,6 +15,7 @@ from wordcraft_kg.apps.text_agents.text_env import LONGEST_ACTION, TextEnv
 from wordcraft_kg.apps.text_agents.trl import (
     CraftingEnvironment,
     TableEnvironment,
+    crafting_dataset,
     crafting_rows,
 )
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
@@ -46,7 +49,7 @@ def begun(row, environment=None):
 def test_the_pairs_of_a_plan_earn_the_reward(depth):
     for row in rows_of(depth=depth, tasks=20):
         environment = begun(row)
-        *_, last = play(environment, row, plan_of(environment))
+        *_, last = play(environment, row, plan_pairs(environment.talk.game))
         assert environment.get_reward() == 1
         assert "You made" in last
         assert environment.record.success
@@ -72,7 +75,7 @@ def test_a_game_is_replayed_to_the_byte_from_its_row_and_pairs():
     games = Play.open("kitchen", settings)
     for row in rows_of(depth=2, tables=3, tasks=4):
         environment = begun(row)
-        play(environment, row, [("1", "2"), *plan_of(environment)])
+        play(environment, row, [("1", "2"), *plan_pairs(environment.talk.game)])
         record = environment.record
         again = games.begin(row["task"], row["distractor_seed"])
         for pair in record.pairs:
@@ -134,21 +137,9 @@ def test_the_prompt_is_complete_and_reset_adds_nothing_to_it():
     assert environment.talk.game.state in prompt
 
 
-def test_rows_are_plain_json():
-    rows = rows_of(depth=[1, 2], tasks=3)
-    assert json.loads(json.dumps(rows)) == rows
-
-
 def made(**settings):
     settings = {"graph": "kitchen", "num_distractors": 2, **settings}
     return gym.make("WordCraft-Text-v0", **settings)
-
-
-def solution(env):
-    game = env.unwrapped.talk.game
-    rows = game.tasks.plans[game.task][0]
-    pairs = (game.graph.labels(pair) for pair in game.graph.recipes[rows, :2].tolist())
-    return [*dict.fromkeys(pairs)]
 
 
 @pytest.mark.parametrize("settings", [{}, {"depth": 2, "render_mode": "ansi"}])
@@ -160,7 +151,10 @@ def test_a_plan_in_words_earns_the_reward():
     env = made(depth=2)
     for seed in range(10):
         env.reset(seed=seed)
-        *_, last = [env.step(f"We need it.\n{one} + {other}") for one, other in solution(env)]
+        *_, last = [
+            env.step(f"We need it.\n{one} + {other}")
+            for one, other in plan_pairs(env.unwrapped.talk.game)
+        ]
         reply, reward, terminated, truncated, info = last
         assert reply.endswith(f"You made the goal: {info['goal']}.")
         assert (reward, terminated, truncated, info["is_success"]) == (1, True, False, True)
@@ -175,13 +169,6 @@ def test_a_chosen_game_is_that_of_other_interfaces():
     assert (info["task"], info["distractor_seed"]) == (3, 7)
 
 
-def test_options_do_not_change_the_games_that_follow():
-    one, other = made(), made()
-    one.reset(seed=4)
-    other.reset(seed=4, options={"task": 0})
-    assert one.reset() == other.reset()
-
-
 def test_actions_of_any_length_and_in_any_script_are_part_of_the_game():
     env = made()
     env.reset(seed=0)
@@ -192,21 +179,131 @@ def test_actions_of_any_length_and_in_any_script_are_part_of_the_game():
     assert info["invalid_actions"] == 4
 
 
-def test_mistakes_are_refused():
+@pytest.mark.parametrize(
+    ("use", "error", "says"),
+    [
+        (lambda env: env.step("1 + 2"), EpisodeError, "call reset"),
+        (lambda env: env.render(), EpisodeError, "call reset"),
+        (lambda env: env.reset(options={"table": []}), ConfigError, "unknown reset option 'table'"),
+        (lambda env: env.reset(options={"task": 10**9}), ConfigError, "task"),
+        (lambda env: [env.reset(seed=0), env.step(3)], ActionError, "expected a text"),
+        (lambda _: TextEnv("kitchen", knowledge="scorer"), ConfigError, "knowledge"),
+        (lambda _: TextEnv("kitchen", render_mode="human"), ConfigError, "`render_mode`"),
+    ],
+)
+def test_mistakes_are_refused(use, error, says):
     env = TextEnv("kitchen", num_distractors=2, render_mode="ansi")
-    with pytest.raises(EpisodeError, match="call reset"):
-        env.step("1 + 2")
-    with pytest.raises(EpisodeError, match="call reset"):
-        env.render()
-    with pytest.raises(ConfigError, match="unknown reset option 'table'"):
-        env.reset(options={"table": []})
-    with pytest.raises(ConfigError, match="task"):
-        env.reset(options={"task": 10**9})
+    with pytest.raises(error, match=says):
+        use(env)
+
+
+def test_the_state_is_rendered_in_words():
+    env = TextEnv("kitchen", num_distractors=2, render_mode="ansi")
     shown, _ = env.reset(seed=0)
     assert env.render() in shown
-    with pytest.raises(ActionError, match="expected a text"):
-        env.step(3)
-    with pytest.raises(ConfigError, match="knowledge"):
-        TextEnv("kitchen", knowledge="scorer")
-    with pytest.raises(ConfigError, match="`render_mode`"):
-        TextEnv("kitchen", render_mode="human")
+
+
+SPECIAL = ["<|endoftext|>", "<|im_start|>", "<|im_end|>", "<tool_call>", "</tool_call>"]
+
+
+@pytest.fixture(scope="module")
+def trl():
+    return pytest.importorskip("trl", minversion="1.16", reason="the extra trl is not installed")
+
+
+@pytest.fixture(scope="module")
+def tokenizer(trl):
+    return byte_tokenizer()
+
+
+def byte_tokenizer():
+    """Bytes as tokens: nothing is downloaded."""
+    from tokenizers import Tokenizer, decoders, models, pre_tokenizers
+    from transformers import PreTrainedTokenizerFast
+    from trl.chat_template_utils import qwen3_chat_template
+
+    tokens = [*SPECIAL, *sorted(pre_tokenizers.ByteLevel.alphabet())]
+    numbers = {token: number for number, token in enumerate(tokens)}
+    made = Tokenizer(models.BPE(vocab=numbers, merges=[]))
+    made.pre_tokenizer = pre_tokenizers.ByteLevel(add_prefix_space=False)
+    made.decoder = decoders.ByteLevel()
+    tokenizer = PreTrainedTokenizerFast(
+        tokenizer_object=made, eos_token="<|im_end|>", pad_token="<|endoftext|>"
+    )
+    tokenizer.add_special_tokens({"additional_special_tokens": SPECIAL[1:]})
+    tokenizer.chat_template = qwen3_chat_template
+    return tokenizer
+
+
+def tiny_model(tokenizer):
+    """A model with random weights."""
+    from transformers import Qwen3Config, Qwen3ForCausalLM
+
+    size = {"hidden_size": 16, "intermediate_size": 16, "head_dim": 8}
+    heads = {"num_hidden_layers": 1, "num_attention_heads": 2, "num_key_value_heads": 1}
+    return Qwen3ForCausalLM(Qwen3Config(vocab_size=len(tokenizer), **size, **heads))
+
+
+@pytest.fixture
+def trainer(trl, tokenizer, tmp_path, monkeypatch):
+    monkeypatch.setenv("TRL_EXPERIMENTAL_SILENCE", "1")
+    model = tiny_model(tokenizer)
+    settings = {
+        **{"per_device_train_batch_size": 2, "num_generations": 2, "max_steps": 1},
+        **{"max_completion_length": 1_000, "report_to": [], "use_cpu": True, "logging_steps": 1},
+    }
+    return trl.GRPOTrainer(
+        model=model,
+        args=trl.GRPOConfig(output_dir=str(tmp_path), **settings),
+        train_dataset=crafting_dataset("kitchen", distractors=2, tasks=1),
+        processing_class=tokenizer,
+        environment_factory=CraftingEnvironment,
+    )
+
+
+@pytest.mark.slow
+def test_a_trainer_calls_the_tool_and_takes_the_reward(trainer, tokenizer, monkeypatch):
+    """The two rollouts of a group: one combines the right pair, the other calls nothing."""
+    environment = CraftingEnvironment()
+    environment.reset(**crafting_rows("kitchen", distractors=2, tasks=1)[0])
+    game = environment.talk.game
+    first, second = game.graph.labels(game.graph.recipes[game.tasks.plans[0][0][-1], :2].tolist())
+    call = json.dumps({"name": "combine", "arguments": {"first": first, "second": second}})
+    scripts = [f"<tool_call>\n{call}\n</tool_call><|im_end|>", "I do not know.<|im_end|>"]
+    asked = []
+
+    def answers(prompt_ids, *_, **__):
+        asked.append([tokenizer.decode(ids) for ids in prompt_ids])
+        texts = scripts if len(asked) == 1 else ["Done.<|im_end|>"] * len(prompt_ids)
+        return [tokenizer(text)["input_ids"] for text in texts], None
+
+    monkeypatch.setattr(trainer, "_generate_single_turn", answers)
+    trainer.train()
+    logged = trainer.state.log_history[0]
+    assert logged["rewards/CraftingEnvironment/mean"] == 0.5
+    assert logged["tools/failure_frequency"] == 0
+    prompts, after_the_call = asked[0], asked[1]
+    assert prompts[0] == prompts[1]  # one game for the group
+    assert f"Goal: {game.goal}" in prompts[0]
+    assert '"name": "combine"' in prompts[0]
+    assert len(after_the_call) == 1
+    assert f"You made the goal: {game.goal}" in after_the_call[0]
+
+
+@pytest.mark.slow
+def test_the_example_trains_with_two_rewards_and_games_that_are_held_out(
+    tokenizer, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("TRL_EXPERIMENTAL_SILENCE", "1")
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[3] / "examples"))
+    import grpo_on_gpu
+
+    words = "tiny --graph kitchen --distractors 2 --tasks 12 --steps 1 --answers 2 --tokens 30"
+    options = grpo_on_gpu.parse([*words.split(), "--eval-steps", "1", "--cpu", "--out", "here"])
+    options.out = str(tmp_path)
+    trainer = grpo_on_gpu.make_trainer(tiny_model(tokenizer), options, processing_class=tokenizer)
+    assert [row["depth"] for row in trainer.train_dataset][:4] == [2, 1, 2, 1]
+    trainer.train()
+    logged = {name for entry in trainer.state.log_history for name in entry}
+    assert {"rewards/form/mean", "rewards/CraftingEnvironment/mean"} <= logged
+    assert "eval_rewards/CraftingEnvironment/mean" in logged

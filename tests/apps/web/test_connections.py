@@ -16,7 +16,6 @@ import pytest
 from starlette.routing import Route, Router
 
 from wordcraft_kg.apps.web.guard import Guard
-from wordcraft_kg.apps.web.serving import MOST_CONNECTIONS, most_connections
 
 resource = pytest.importorskip("resource")  # limits of open files, not on Windows
 
@@ -222,20 +221,6 @@ def test_ctrl_c_does_not_wait_for_clients(starting):
     served.process.communicate(timeout=20)
     assert (served.process.returncode, time.monotonic() - began < 3) == (0, True)
     assert open_of(connections) == 0
-
-
-@pytest.mark.slow
-def test_the_number_of_connections_follows_the_limit_of_open_files(monkeypatch):
-    for allowed, expected in (
-        (resource.RLIM_INFINITY, MOST_CONNECTIONS),
-        (10**6, 512),
-        (1024, 320),
-    ):
-        monkeypatch.setattr(resource, "getrlimit", lambda _, allowed=allowed: (allowed, allowed))
-        assert most_connections() == expected
-    for allowed in (8, 64, 128, 256):
-        monkeypatch.setattr(resource, "getrlimit", lambda _, allowed=allowed: (allowed, allowed))
-        assert 8 <= most_connections() <= max(8, allowed // 2)
 
 
 async def _broken(request):

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 import torch
 from hypothesis import given, strategies as st
-from link_helpers import random_graph, train
-from link_oracles import equation_2, n3
+from link_helpers import equation_2, n3, random_graph, train
 from pykeen.models import TransD, TransE
 from pykeen.nn.modules import ComplExInteraction
 from pykeen.regularizers import PowerSumRegularizer
@@ -202,12 +201,6 @@ def test_scores_gain_the_weighted_log_counts_of_head_and_tail(weight):
         )
         gained = weight * (as_head[relation][:, None] + as_tail[relation][None, :])
         torch.testing.assert_close(new - old, gained, atol=2e-4, rtol=1e-5)
-
-
-def test_without_popularity_the_embeddings_stay_as_they_are():
-    graph = random_graph()
-    before = embeddings(graph.num_entities, 4, seed=1)
-    assert with_popularity(before, graph.triples, 0.0) is before
 
 
 SIZE, QUERIES = 9, 5

@@ -181,18 +181,6 @@ def test_numbers_of_folds_that_cannot_be_are_refused(kind, settings):
         kind(**settings)
 
 
-def test_tables_of_folds_that_would_be_too_large_are_refused(opened_kitchen, monkeypatch):
-    monkeypatch.setattr(cross_fitting, "TABLE_LIMIT", 2**18)
-    with refuses("folds"):
-        cross_fitting.decided_folds(LinkModelConfig(folds=6), opened_kitchen)
-    assert (
-        cross_fitting.decided_folds(LinkModelConfig(), opened_kitchen).folds == 5
-    )  # they are just small enough
-    assert cross_fitting.decided_folds(ComplExConfig(folds=6), opened_kitchen).folds == 6
-    monkeypatch.setattr(cross_fitting, "TABLE_LIMIT", 2**16)
-    assert cross_fitting.decided_folds(LinkModelConfig(), opened_kitchen).folds == 0
-
-
 @pytest.mark.parametrize(
     "epoch", [pytest.param(5, marks=pytest.mark.slow), pytest.param(9, marks=pytest.mark.slow), 14]
 )

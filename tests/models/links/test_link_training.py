@@ -3,20 +3,24 @@ and bad settings."""
 
 import json
 import re
-import shutil
-import threading
 import tomllib
 import warnings
 from contextlib import nullcontext
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from helpers import refuses, resume, write_graph
-from link_helpers import contents, global_states, interrupt_after, random_graph, train
-from link_oracles import equation_2, n3
+from link_helpers import (
+    contents,
+    equation_2,
+    global_states,
+    interrupt_after,
+    n3,
+    random_graph,
+    train,
+)
 
 from wordcraft_kg import (
     ComplExConfig,
@@ -228,17 +232,6 @@ def test_the_full_graph_trains_on_all_triples_and_remembers_them(opened_kitchen,
     assert "test recipes" in (trained.folder / "README.md").read_text()
 
 
-def test_training_works_outside_the_main_thread(opened_kitchen, tmp_path, complex_folder):
-    found = []
-    config = ComplExConfig(dim=8, epochs=4, n3=0.1, folds=0)
-    thread = threading.Thread(
-        target=lambda: found.append(train(opened_kitchen, config, tmp_path / "model"))
-    )
-    thread.start()
-    thread.join()
-    assert weights(found[0]) == (complex_folder / "model.safetensors").read_bytes()
-
-
 @EACH
 def test_a_resumed_run_equals_an_undisturbed_one_bit_for_bit(parted_kitchen, tmp_path, config):
     folder, whole = halved(parted_kitchen, config, tmp_path, 2)
@@ -252,15 +245,6 @@ def test_an_unfinished_run_of_other_settings_is_refused(unfinished, opened_kitch
     with pytest.raises(ConfigError, match=f"`{name}` .* and this command has {value}"):
         train(opened_kitchen, replace(SHORT, **{name: value}), unfinished)
     assert contents(unfinished) == before
-
-
-def test_a_run_whose_graph_has_moved_goes_on(tmp_path, parted_folder):
-    """A run whose graph has moved goes on and is opened with the new place."""
-    graph, moved = Path(shutil.copytree(parted_folder, tmp_path / "graph")), tmp_path / "moved"
-    folder, whole = halved(open_graph(graph), SHORT, tmp_path, 1)
-    graph.rename(moved)
-    assert same(resume(folder, graph=str(moved)), whole)
-    assert Path(open_model(folder).opened.source).resolve() == moved.resolve()
 
 
 def test_resuming_on_another_split_is_an_error(tmp_path, opened_kitchen, parted_folder):
@@ -606,28 +590,6 @@ def test_each_fold_and_the_choice_of_weights_use_the_outside_triples(
     )
 
 
-@pytest.mark.slow
-def test_a_changed_knowledge_folder_is_refused_and_the_same_one_resumes(
-    joint, opened_kitchen, outside, tmp_path
-):
-    copy = knowledge_folder(tmp_path / "outside", KITCHEN)
-    stopped = train(
-        opened_kitchen,
-        replace(JOINT_TRAINING_SHORT, with_=(copy,)),
-        tmp_path / "model",
-        progress=interrupt_after(2),
-    )
-    assert stopped.interrupted
-    run = json.loads((Path(copy) / "run.json").read_text())
-    assert read_run(stopped.folder).inputs["outside graph 1"] == run["outputs"]["triples.tsv"]
-    knowledge_folder(Path(copy), KITCHEN[:2])
-    with pytest.raises(WordCraftKGError, match="another outside graph 1"):
-        resume(stopped.folder)
-    knowledge_folder(Path(copy), KITCHEN)
-    assert resume(stopped.folder).metrics.train_mrr == joint.metrics.train_mrr
-    assert LinksConfig.read(stopped.folder).settings.with_ == (copy,)
-
-
 def test_folders_share_nodes_and_relations(tmp_path):
     folders = [
         knowledge_folder(tmp_path / name, KITCHEN[start:])
@@ -783,23 +745,6 @@ def test_a_book_with_too_little_to_hold_out_keeps_the_fixed_default():
         )
         is None
     )
-
-
-@pytest.mark.slow
-def test_with_popularity_alone_the_choice_equals_counting():
-    """Where there is nothing but popularity to learn the choice keeps up with counting."""
-    rng = np.random.default_rng(0)
-    parts = (rng.random((400, 2)) ** 2 * 60).astype(int)
-    graph = RecipeGraph.from_recipes(
-        [
-            (f"e{a}", f"e{b}", f"e{c}")
-            for (a, b), c in zip(parts, rng.integers(60, size=400), strict=True)
-        ]
-    )
-    found = choose(opened(graph), replace(OPEN, dim=32, epochs=50), silent_of_regularisation)
-    without = max(row.mrr for row in found.candidates if row.popularity == 0)
-    assert without < found.frequency_mrr
-    assert found.mrr > 0.97 * found.frequency_mrr
 
 
 @pytest.mark.slow

@@ -3,7 +3,6 @@ policy."""
 
 import itertools
 import math
-from dataclasses import asdict
 
 import pytest
 import torch
@@ -349,21 +348,6 @@ def test_rows_of_a_batch_equal_single_states_unlike_in_the_released_code(kind):
 
 
 @any_policy
-def test_tables_with_other_strides_are_read_in_the_same_order(kind):
-    policy, (goal, selection, table) = KINDS[kind](), states()
-    same(
-        policy(States(goal, selection, table.T.contiguous().T)),
-        policy(States(goal, selection, table)),
-    )
-
-
-@any_policy
-def test_a_batch_without_states_has_an_output_without_rows(kind):
-    output = KINDS[kind]()(States(*(part[:0] for part in states())))
-    assert (tuple(output.logits.shape), tuple(output.value.shape)) == ((0, SLOTS), (0,))
-
-
-@any_policy
 def test_every_parameter_and_nothing_else_receives_a_finite_gradient(kind):
     policy, state = KINDS[kind](), states()
     logits, value, *_ = policy(States(*state))
@@ -475,12 +459,6 @@ REFUSED = {
 def test_a_setting_that_cannot_be_is_refused_by_its_name(setting, value):
     with refuses(setting, NotRegisteredError if setting in ("use", "policy") else ConfigError):
         PolicyConfig(**{setting: value})
-
-
-def test_the_default_is_the_papers_policy_with_its_sizes():
-    papers = {"policy": "attention", "features": "glove", "use": "u,v", "kg_only": False}
-    sizes = dict.fromkeys(("key_size", "value_size", "hidden_size"), 300)
-    assert (papers | sizes).items() < asdict(PolicyConfig().closed()).items()
 
 
 KEY_SIZE = 3
@@ -602,20 +580,6 @@ def test_the_vector_of_nothing_stays_zero():
     moved = (vectors.weights()["vectors"].detach() != before).any(dim=1).tolist()
     assert moved == [entity in (0, 1, 2) for entity in range(NUM_ENTITIES + 1)]
     assert not vectors.weights()["vectors"][NUM_ENTITIES].any()
-
-
-def test_constant_vectors_are_padded_once_and_anew_after_loading_others():
-    vectors = EntityVectors(SIZE, normal(SIZE, 4))
-    with torch.inference_mode():
-        padded = vectors.weights()["vectors"]
-    assert vectors.weights()["vectors"] is padded
-    assert not padded.is_inference()
-    assert torch.equal(padded, torch.cat([vectors.vectors, torch.zeros(1, 4)]))
-    others = EntityVectors(SIZE, normal(SIZE, 4) + 1)
-    vectors.load_state_dict(others.state_dict())
-    assert torch.equal(vectors.weights()["vectors"][:-1], others.vectors)
-    vectors.double()
-    assert vectors.weights()["vectors"].dtype == torch.float64
 
 
 HIDDEN = 4

@@ -13,7 +13,7 @@ from small_scorers import scaled_scorer
 from torch import Tensor
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
-from wordcraft_kg.graphs import COMBINES_WITH, RecipeGraph
+from wordcraft_kg.graphs import COMBINES_WITH
 from wordcraft_kg.models.policies.attention import AttentionPolicy
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import (
@@ -157,25 +157,6 @@ def test_vectors_are_those_of_the_features_for_the_seed(features, policy, vector
     assert made(States(*states())).logits.shape == (10, SLOTS)
 
 
-def test_learned_features_have_the_size_of_the_settings_and_no_description():
-    policy, features = make_policy(PolicyConfig(features="learned", **SIZES), GRAPH, SLOTS)
-    assert features is None
-    assert policy.vectors.vectors.shape == (SIZE, SIZES["embedding_size"])
-    assert "vectors.vectors" in dict(policy.named_parameters())
-
-
-def test_pooling_and_missing_words_are_those_of_the_settings(home):
-    graph = RecipeGraph.from_recipes([("big pot", "pot", "big"), ("pot", "unheard", "big pot")])
-    path = home / "v.txt"
-    path.write_text("big 1 -4\npot 3 -8\n")
-    with pytest.raises(ConfigError, match=r"1 of 4 entities have no vector.*`allow_missing`"):
-        plain(str(path), graph=graph)
-    for pooling, expected in (("mean", [2, -6]), ("max", [3, -4])):
-        vectors = plain(str(path), graph=graph, pooling=pooling, allow_missing=True).vectors.vectors
-        assert vectors[graph.id_of("big pot")].tolist() == expected
-        assert vectors[graph.id_of("unheard")].tolist() == [0, 0]
-
-
 def test_a_scorer_is_mixed_in_on_the_scale_of_the_settings():
     triples = np.array([[2, COMBINES_WITH, 2]])
     for settings in (
@@ -282,24 +263,6 @@ def test_weights_that_overflow_are_refused_when_they_are_used(tmp_path):
     loaded = read(written(tmp_path, policy))
     with pytest.raises(ArtefactError, match="logits are not finite"):
         loaded.act(0, [1, 2])
-
-
-@any_kind
-def test_training_changes_the_parameters_and_not_the_constants(make, kind, tmp_path):
-    policy = make(kind)
-    before = written(tmp_path / "before", policy)
-    train_a_step(policy)
-    after = written(tmp_path / "after", policy)
-    changed = {
-        name for name in FILES if (before / name).read_bytes() != (after / name).read_bytes()
-    }
-    assert changed == {"policy.safetensors"}
-    constants, parameters = (
-        set(safetensors.torch.load_file(after / f"{name}.safetensors"))
-        for name in ("constants", "policy")
-    )
-    assert parameters == {name for name, _ in policy.named_parameters()}
-    assert constants == set(policy.state_dict()) - parameters
 
 
 @pytest.fixture

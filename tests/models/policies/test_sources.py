@@ -1,9 +1,5 @@
 """Sources: u and v of slots against one question to the scorer each, and sources of other kinds."""
 
-import json
-import sys
-from types import SimpleNamespace
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -14,24 +10,20 @@ from small_scorers import BareScorer, scaled_scorer, states as states_of
 import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg import plugins
 from wordcraft_kg.agents import states as engine_states
-from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
-from wordcraft_kg.agents.explanation import explain_episodes
 from wordcraft_kg.agents.training import train_agent
-from wordcraft_kg.base.errors import ConfigError, NotRegisteredError
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import KGScoreObservation
-from wordcraft_kg.graphs import OUTSIDE, RELATIONS, open_graph
+from wordcraft_kg.graphs import OUTSIDE, RELATIONS
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy
 from wordcraft_kg.models.policies.sources import (
     ALPHA,
-    SOURCES,
-    Label,
     label_of,
     registry,
     shown_setting,
@@ -42,13 +34,12 @@ from wordcraft_kg.models.policies.sources.registry import (
     make_sources,
     source_class,
 )
-from wordcraft_kg.models.policies.sources.source import ScoreView, Source
+from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
-from wordcraft_kg.reports.pages import find_term
 
 SIZE = 6
 
@@ -196,42 +187,6 @@ def test_a_source_is_restored_from_its_constants(name, scale, by_factors, monkey
     assert torch.equal(restored(States(*states())), full(States(*states())))
 
 
-@pytest.mark.parametrize(
-    ("name", "scale"),
-    [
-        ("u", "standardise"),
-        *(
-            pytest.param(name, scale, marks=pytest.mark.slow)
-            for name, scale in (
-                ("u", "ranks"),
-                ("u", "none"),
-                ("v", "ranks"),
-                ("v", "standardise"),
-                ("v", "none"),
-            )
-        ),
-    ],
-)
-def test_a_source_of_lists_comes_back_with_its_knowledge(
-    cross_fitted, opened_kitchen, name, scale, no_tables
-):
-    """Links of a recipe scorer are scored by its lists, also after a round trip, fold by fold."""
-    tasks = World(opened_kitchen, WordCraftConfig(num_distractors=3, num_tasks=30)).tasks
-    (full,) = make_sources([name], cross_fitted, ScoreView(scale, "drop"), tasks=tasks)
-    constants = full.state_dict()
-    assert {"knowledge.recipes", "deviation"} <= {*constants}
-    size = len(cross_fitted.entities)
-    restored = source_class(name).restored(size, constants)
-    restored.load_state_dict(constants)
-    restored.bind(tasks)
-    task = torch.arange(len(tasks))
-    table = torch.stack([task * 7, task * 5 + 1, task * 3 + 2], dim=1) % (size + 1)
-    state = States(task % size, task * 2 % (size + 1), table, task)
-    assert torch.equal(restored(state), full(state))
-    assert full(state).any()
-    assert not full(state)[table == size].any()
-
-
 def test_a_scale_without_a_fitting_table_names_those_that_do(
     no_tables,
 ):
@@ -295,86 +250,10 @@ def test_every_source_has_a_label_of_its_own_name_and_symbol():
     assert [label.coefficient for label in labels][:3] == ["λα", "λu", "λv"]
 
 
-class Triple(Source):
-    """Depends on three entities, and on the task: what no table of pairs holds."""
-
-    label = Label("third", "t", "makes the goal with {selection}")
-    reads_task = True
-
-    def __init__(self, num_entities, offsets=None):
-        super().__init__(num_entities)
-        self.register_buffer("offsets", torch.zeros(0) if offsets is None else offsets)
-
-    @classmethod
-    def of_scorer(cls, scorer, view):
-        return cls(len(scorer.entities), 10 + torch.arange(500.0))
-
-    @classmethod
-    def restored(cls, num_entities, constants):
-        return cls(num_entities, torch.empty_like(constants["offsets"]))
-
-    def forward(self, states):
-        goal, selection, table, task, _ = states
-        product = torch.sin(1.0 + table * (goal + 1)[:, None] * (selection + 1)[:, None])
-        shift = 0 if task is None else self.offsets[task][:, None]
-        return torch.where(table == self.num_entities, 0.0, product + shift)
-
-
-@pytest.fixture(params=["registered", "installed"])
-def third(request, monkeypatch, tmp_path):
-    """Make the source known by a call, or by the entry point of an installed package."""
-    monkeypatch.setattr(SOURCES, "_known", {**SOURCES._known})
-    monkeypatch.setattr(SOURCES, "_points", None)
-    if request.param == "registered":
-        plugins.source("third")(Triple)
-    else:
-        monkeypatch.setitem(sys.modules, "their_sources", SimpleNamespace(Triple=Triple))
-        about = tmp_path / "site" / "theirs-1.0.dist-info"
-        about.mkdir(parents=True)
-        (about / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
-        (about / "entry_points.txt").write_text(
-            "[wordcraft_kg.sources]\nthird = their_sources:Triple\n"
-        )
-        monkeypatch.syspath_prepend(tmp_path / "site")
-
-
-def test_a_third_source_trains_saves_plays_and_explains(third, folder, tmp_path, monkeypatch):
-    opened = open_graph("kitchen")
-    config = AgentConfig(
-        "kitchen",
-        folder,
-        TaskConfig(),
-        PolicyConfig(use="third,u"),
-        ImpalaConfig(steps=512, log_every=256),
-    )
-    trained = train_agent(config, tmp_path / "run")
-    policy = load_policy(trained.folder)
-    assert [label.name for label in policy.labels] == ["alpha", "u", "third"]
-    lines = [
-        json.loads(line) for line in (trained.folder / "metrics.jsonl").read_text().splitlines()
-    ]
-    assert any("lambda_third_first" in line for line in lines)
-    agent = open_agent(trained.folder)
-    train = World(opened, agent.config.tasks.environment("train", 3))
-    (episode,) = explain_episodes(agent.policy, train, episodes=1)
-    slots = episode.steps[0].slots
-    assert set(slots[0].sources) == {"alpha", "u", "third"}
-    # Of a train task the number is known, and so its shift; of a test task it is not.
-    assert min(slot.sources["third"] for slot in slots) >= 9
-    (other,) = explain_episodes(agent.policy, train.variant(part="test"), episodes=1)
-    assert all(abs(slot.sources["third"]) <= 1 for slot in other.steps[0].slots)
-    assert find_term("third").name == label_of("third").words == "third"
-    # Another process does not know the source; its folder is whole.
-    monkeypatch.undo()
-    for open_it in (load_policy, open_agent):
-        with pytest.raises(NotRegisteredError, match=r"'third' is not registered.*--plugin"):
-            open_it(trained.folder)
-
-
 @pytest.mark.parametrize("name", ["alpha", "u", "w", "combines", "plan"])
 def test_a_source_may_not_take_the_name_of_one_that_is_built_in(name):
     with pytest.raises(ConfigError, match="built in"):
-        plugins.source(name)(Triple)
+        plugins.source(name)(type("Other", (BestRecipe,), {}))
     with pytest.raises(ConfigError, match=r"combines \(u\), component \(v\), recipe \(w\)"):
         source_class("nowhere")
 
@@ -424,15 +303,6 @@ def test_w_is_the_score_with_the_entity_held_or_with_the_best_partner(w, scorer_
         torch.testing.assert_close(found[row], torch.tensor(expected), rtol=1e-4, atol=1e-4)
         single = w(States(goal[row : row + 1], selection[row : row + 1], table[row : row + 1]))
         torch.testing.assert_close(single[0], found[row], rtol=1e-4, atol=1e-4)
-
-
-def test_permuting_the_slots_permutes_w(w):
-    goal, selection, table = states_of_recipe_source(w.num_entities)
-    order = torch.tensor([3, 0, 5, 1, 4, 2])
-    expected = w(States(goal, selection, table))[:, order]
-    torch.testing.assert_close(
-        w(States(goal, selection, table[:, order])), expected, rtol=1e-4, atol=1e-4
-    )
 
 
 def test_the_scores_that_are_kept_do_not_answer_for_another_state(scorer_of_recipe_source):

@@ -27,9 +27,7 @@ from wordcraft_kg.models.recipes.config import (
 )
 from wordcraft_kg.models.recipes.encoder_fitting import EncoderSchedule, fit_encoders
 from wordcraft_kg.models.recipes.fitting import encoders_of, fit_recipe_scorers
-from wordcraft_kg.models.recipes.inductive import extended
 from wordcraft_kg.models.recipes.training import encoder_of_books, train_recipes
-from wordcraft_kg.models.scorers import config as limits
 from wordcraft_kg.models.scorers.features import EntityFeatures
 from wordcraft_kg.models.scorers.neighbours.pair_features import OF_ENCODER
 from wordcraft_kg.models.scorers.neighbours.results import results_of
@@ -60,16 +58,6 @@ def trained(book, tmp_path_factory):
     """A recipe scorer with an encoder; read only."""
     folder = tmp_path_factory.mktemp("models") / "with"
     return train_recipes(RecipesConfig(str(book), WITH), folder).folder
-
-
-@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_the_same_settings_give_the_same_bytes(book, trained, monkeypatch, workers):
-    state = torch.get_rng_state()
-    monkeypatch.setattr(training, "cores", lambda: workers)
-    folder = trained.parent / f"workers-{workers}"
-    train_recipes(RecipesConfig(str(book), WITH), folder)
-    assert same_files(folder, trained, "calibration.json")
-    assert torch.equal(torch.get_rng_state(), state)
 
 
 @pytest.mark.parametrize(
@@ -199,74 +187,21 @@ def other_book(book, tmp_path_factory):
     return path
 
 
-@pytest.fixture
-def many(monkeypatch):
-    """Every book has recipes enough for an encoder."""
-    monkeypatch.setattr(config, "ENCODER_FROM", 1)
-
-
-def with_other(other_book, **settings):
-    return RecipeScorerConfig(folds=3, features="one-hot", with_=(str(other_book),), **settings)
-
-
-@pytest.fixture
-def knowing(book, other_book, many, tmp_path):
-    """A recipe scorer with the encoder of another book."""
-    return train_recipes(RecipesConfig(str(book), with_other(other_book)), tmp_path / "one").folder
-
-
 @pytest.mark.slow
-def test_a_large_other_book_gives_all_folds_its_encoder(knowing, book, other_book):
-    scorer = load_scorer(knowing)
-    opened = open_graph(str(book))
-    other = open_other_book(str(other_book), opened)
+def test_a_large_other_book_gives_all_folds_its_encoder(book, other_book, tmp_path, monkeypatch):
+    monkeypatch.setattr(config, "ENCODER_FROM", 1)
+    settings = RecipeScorerConfig(folds=3, features="one-hot", with_=(str(other_book),))
+    scorer = load_scorer(
+        train_recipes(RecipesConfig(str(book), settings), tmp_path / "model").folder
+    )
+    other = open_other_book(str(other_book), open_graph(str(book)))
     expected = encoder_of_books([other], 12, "one-hot")
     for each in (scorer.whole, *(scorer.left_out(fold) for fold in range(3))):
         assert same_tensors(each.knowledge.encoder().named(), expected.named())
         # The ranker uses it.
-        weights = each.knowledge.first[0, -len(OF_ENCODER) :]
-        assert weights.any()
+        assert each.knowledge.first[0, -len(OF_ENCODER) :].any()
         # It proposes no results: they are those of other books.
         assert not each.proposes_results
-    shares = scorer.result_probabilities(0, [1, 2])
-    torch.testing.assert_close(shares.sum(1), torch.ones(2))
-
-
-def test_recipes_that_both_books_have_teach_its_encoder_nothing(book, other_book, tmp_path):
-    opened = open_graph(str(book))
-    shared = book.read_text().splitlines()[1:3]
-    without = tmp_path / "without.csv"
-    lines = other_book.read_text().splitlines()
-    without.write_text("\n".join(line for line in lines if line not in shared))
-    encoders = [
-        encoder_of_books([open_other_book(str(path), opened)], 12, "one-hot").named()
-        for path in (other_book, without)
-    ]
-    assert same_tensors(*encoders)
-
-
-@pytest.mark.slow
-def test_it_is_fitted_once_and_a_resumed_run_reads_it(
-    knowing, book, other_book, tmp_path, monkeypatch
-):
-    folder = tmp_path / "interrupted"
-    wanted = RecipesConfig(str(book), with_other(other_book))
-    with pytest.raises(KeyboardInterrupt, match="and 1 pair encoders"):
-        train_recipes(wanted, folder, progress=interrupt_after(1))
-    monkeypatch.setattr(training, "encoder_of_books", lambda *_, **__: pytest.fail("fitted again"))
-    resume(folder)
-    assert same_files(folder, knowing, "calibration.json")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("enough", "setting"), [(1_000, "auto"), (1, "off")])
-def test_no_encoder_of_other_books_where_it_is_off_or_they_are_small(
-    book, other_book, tmp_path, monkeypatch, enough, setting
-):
-    monkeypatch.setattr(config, "ENCODER_FROM", enough)
-    wanted = RecipesConfig(str(book), with_other(other_book, encoder=setting))
-    scorer = load_scorer(train_recipes(wanted, tmp_path / "model").folder)
-    assert not scorer.whole.knowledge.has_encoder
 
 
 def test_an_encoder_of_words_that_the_graph_does_not_use_knows_no_new_entities():
@@ -299,16 +234,6 @@ def test_agents_score_by_the_encoders_of_their_folds_and_are_restored(trained, b
         assert torch.equal(restored(states), expected)
 
 
-def test_evidence_names_recipes(trained):
-    scorer = load_scorer(trained)
-    a, b, result = scorer.entities[:3]
-    known = {tuple(row) for row in scorer.recipes.tolist()}
-    ids = {label: number for number, label in enumerate(scorer.entities)}
-    for witness in scorer.supporting_recipes(a, b, result):
-        row = (ids[witness.ingredient_a], ids[witness.ingredient_b], ids[witness.result])
-        assert row in known
-
-
 def test_results_of_a_pair_have_probabilities(trained, book):
     from wordcraft_kg.evaluation.scores import RecipeQuery, RecipeScoring, ScoringModel
 
@@ -324,35 +249,6 @@ def test_results_of_a_pair_have_probabilities(trained, book):
     assert len(answers) == 4
     probabilities = [answer.probability for answer in answers]
     assert probabilities == sorted(probabilities, reverse=True)
-
-
-@pytest.mark.slow
-def test_entities_outside_the_graph_are_scored_by_words(book, trained, tmp_path):
-    vectors = np.random.default_rng(0).normal(size=(12, 5)).astype(np.float32)
-    np.save(tmp_path / "words.npy", vectors)
-    labels = [f"e{number}" for number in range(12)]
-    (tmp_path / "words.labels.txt").write_text("\n".join(labels))
-    settings = replace(WITH, features=str(tmp_path / "words.npy"))
-    folder = train_recipes(RecipesConfig(str(book), settings), tmp_path / "words").folder
-    scorer = load_scorer(folder)
-    unit = vectors[:1] / np.linalg.norm(vectors[:1])
-    longer = extended(scorer, ["new thing"], unit)
-    old = scorer.score_recipes(0, 1, [2, 3])
-    torch.testing.assert_close(longer.score_recipes(0, 1, [2, 3]), old, rtol=1e-4, atol=1e-4)
-    assert longer.score_recipes("new thing", 1, 2).isfinite()
-
-
-@pytest.mark.slow
-def test_a_small_book_is_without_an_encoder_unless_it_is_asked_for(book, tmp_path):
-    plain = RecipeScorerConfig(folds=3, features="one-hot")
-    folders = [
-        train_recipes(RecipesConfig(str(book), replace(plain, encoder=use)), tmp_path / use).folder
-        for use in ("auto", "off")
-    ]
-    assert same_files(*folders, "calibration.json")
-    assert "covered" not in json.loads((folders[0] / "calibration.json").read_text())
-    tensors = load_scorer(folders[0]).whole.tensors()
-    assert not any(name.startswith(("encoder", "results")) for name in tensors)
 
 
 @pytest.mark.parametrize(
@@ -392,21 +288,6 @@ def test_an_unknown_device_is_refused_before_anything_is_written(book, tmp_path)
     assert not (tmp_path / "model").exists()
 
 
-def test_memory_for_encoders_is_said_before_the_start(book, monkeypatch, tmp_path):
-    size = (31_645, 156_000, 384)
-    without = limits.fitting_bytes(*size, 1)
-    monkeypatch.setattr(limits, "memory", lambda: without)
-    assert limits.fitting_workers(*size, most=2) == 1
-    with pytest.raises(ConfigError, match=r"takes about .* GiB.*`encoder` off"):
-        limits.fitting_workers(*size, most=2, encoders=9)
-    needed = limits.fitting_bytes(*size, 2, 9) - limits.fitting_bytes(*size, 2)
-    assert 0.5 * 2**30 < needed < 3 * 2**30
-    monkeypatch.setattr(limits, "memory", lambda: 2**20)
-    with pytest.raises(ConfigError, match="GiB"):
-        train_recipes(RecipesConfig(str(book), WITH), tmp_path / "model")
-    assert not (tmp_path / "model").exists()
-
-
 @pytest.mark.parametrize(
     "change",
     [
@@ -422,21 +303,3 @@ def test_memory_for_encoders_is_said_before_the_start(book, monkeypatch, tmp_pat
 def test_vectors_of_other_labels_or_shapes_are_refused(trained, tmp_path, change):
     with pytest.raises(ArtefactError, match=r"does not contain a scorer.*Train again"):
         load_scorer(rewritten(trained, tmp_path / "spoilt", weights=change))
-
-
-def test_one_lesson_fold_gives_as_many_examples_as_all_folds_together(monkeypatch):
-    monkeypatch.setattr(fitting, "EXAMPLES", 12)
-    folds = make_folds(make_split(random_graph(2, 12, 60), SplitConfig()), 3)
-    words = words_of(np.zeros((12, 0)))
-    ((_, encoder),) = fit_encoders(folds, torch.zeros(12, 0), [(0,)])
-    lists = words.lists(folds.recipes([0]))
-    numbers = [
-        len(
-            fitting._lesson(
-                folds, lists, fitting.NOTHING, each, (), 0, 0, is_own_encoder=each is not None
-            ).links
-        )
-        for each in (None, encoder)
-    ]
-    # A third of the examples from each of three folds; two sizes of tables.
-    assert numbers == [4 * 2, 12 * 2]

@@ -1,15 +1,12 @@
 """Entities that the graph does not have, scored by the words of their labels."""
 
-import shutil
-
 import numpy as np
 import pytest
 import torch
 from short_fits import short_fits
 
 from wordcraft_kg import RecipesConfig, RecipeScorerConfig, load_scorer, train_recipes
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
-from wordcraft_kg.base.statistics import standardised
+from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.recipes import inductive
 from wordcraft_kg.models.recipes.inductive import extended, with_words
@@ -107,16 +104,6 @@ def test_links_by_outside_knowledge_are_means_over_the_nearest_words(
         np.testing.assert_allclose(more.table(relation).numpy(), expected, rtol=0.01, atol=0.01)
 
 
-def test_the_order_of_new_entities_does_not_matter(folder, scorer):
-    one, other = wider(folder, scorer, NEW), wider(folder, scorer, NEW[::-1])
-    for label in NEW:
-        for relation in ("combinesWith", "componentOf"):
-            torch.testing.assert_close(
-                one.score(label, relation, scorer.entities),
-                other.score(label, relation, scorer.entities),
-            )
-
-
 def test_an_entity_of_no_recipe_is_scored_in_the_graph_as_out_of_it(opened_kitchen):
     """An entity in no recipe has the same features inside the vocabulary as at its end."""
     size = opened_kitchen.graph.num_entities
@@ -164,22 +151,6 @@ def test_a_recipe_with_a_new_entity_is_scored_and_explained(folder, scorer):
     )
 
 
-def test_a_label_known_by_some_words_is_not_of_the_graph(folder, scorer, opened_kitchen):
-    """A label is known by some of its words and the scorer is not of the graph."""
-    more = wider(folder, scorer, ["bread rrzzqq"])
-    assert "bread rrzzqq" in more.entities
-    assert more.graph_hash != opened_kitchen.graph.hash
-
-
-def test_moments_are_those_of_pairs_among_the_entities_that_count():
-    table = np.random.default_rng(0).normal(size=(5, 5))
-    among = [0, 1, 4]
-    counted = np.array([table[x, y] for x in among for y in among if x != y])
-    np.testing.assert_allclose(
-        standardised(table, np.array(among)), (table - counted.mean()) / counted.std(), rtol=1e-12
-    )
-
-
 # --- refusals --------------------------------------------------------------------------------------------------------
 
 
@@ -205,18 +176,6 @@ def test_features_that_are_no_words_say_nothing_of_new_ones(opened_kitchen, tmp_
         with_words(trained.folder, load_scorer(trained.folder), ["naan"])
 
 
-def test_vectors_that_have_changed_are_refused(folder, scorer, vectors, tmp_path):
-    before = vectors.read_text()
-    try:
-        first, _, rest = before.partition("\n")
-        vectors.write_text(f"{first}1\n{rest}")
-        with pytest.raises(ArtefactError, match="have changed since"):
-            wider(folder, scorer)
-    finally:
-        vectors.write_text(before)
-    assert wider(folder, scorer)
-
-
 def test_labels_that_are_not_new_or_not_labels_are_refused(scorer):
     vectors = np.zeros((2, DIMENSIONS))
     for labels in (["naan", "naan"], ["naan", "flour"]):
@@ -237,13 +196,6 @@ def test_damaged_link_rankers_are_refused(scorer):
         tensors = scorer.tensors() | {name: torch.zeros(3)}
         with pytest.raises(ValueError, match=name):
             RecipeScorer(tensors, scorer.entities, scorer.graph_hash)
-
-
-def test_a_folder_that_was_copied_answers_the_same(folder, scorer, tmp_path):
-    copy = shutil.copytree(folder, tmp_path / "copy")
-    loaded = load_scorer(copy)
-    one, other = wider(folder, scorer), with_words(copy, loaded, NEW)
-    assert torch.equal(one.table("componentOf"), other.table("componentOf"))
 
 
 def test_a_model_of_built_in_vectors_places_other_words_by_glove(recipes_folder):

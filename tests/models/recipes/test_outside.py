@@ -13,7 +13,6 @@ import torch
 from link_helpers import random_graph, same_files
 from short_fits import short_fits
 
-from tests.apps.explorer.shown import look
 from wordcraft_kg import (
     RecipeGraph,
     RecipesConfig,
@@ -22,8 +21,6 @@ from wordcraft_kg import (
     open_graph,
     train_recipes,
 )
-from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.pages.link import LinkState, PairState
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig
 from wordcraft_kg.graphs.triples import is_in
@@ -36,10 +33,7 @@ from wordcraft_kg.models.knowledge.folder import (
     write_knowledge,
 )
 from wordcraft_kg.models.knowledge.outside import join_books, open_outside
-from wordcraft_kg.models.knowledge.words import Words
-from wordcraft_kg.models.recipes.fitting import fit_recipe_scorers
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
-from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.neighbours.links import OF_COMPONENTS
 from wordcraft_kg.runs.config_file import read_config
 
@@ -268,29 +262,6 @@ def teacher(opened, tmp_path):
     return write_book(tmp_path / "teacher.csv", rows)
 
 
-@pytest.mark.slow
-def test_the_knowledge_about_some_entities_scores_as_the_whole(opened, teacher):
-    joint = join_books([teacher], opened, "random", folds=3)
-    size = joint.opened.graph.num_entities
-    words = Words.of(make_features("random", joint.opened.graph.entities))
-    ((_, whole),) = fit_recipe_scorers(joint.folds, words, [()])
-    own = whole.of_entities(joint.own)
-    assert own.num_entities == 12 < size
-    tables = torch.randint(13, (50, 5), generator=torch.Generator().manual_seed(0))
-    goal, model = torch.arange(50) % 12, torch.zeros(50, dtype=torch.int64)
-    ids = torch.cat([joint.own, torch.tensor([size])])
-    # Ties in lists are broken by ids, which differ.
-    expected = whole(ids[goal], ids[tables], model)
-    torch.testing.assert_close(own(goal, tables, model), expected, rtol=1e-2, atol=1e-2)
-    every = torch.arange(12)
-    for relation in (0, 1):
-        of_whole = whole.link_scores(relation, joint.own)[:, joint.own]
-        links = own.link_scores(relation, every)
-        torch.testing.assert_close(links, of_whole, rtol=1e-2, atol=1e-2)
-    assert own.recipes.max() > 12
-    assert all(max(r.recipe) < 12 for r in own.supporting_recipes(0, 1, 2, limit=50))
-
-
 def test_a_zero_shot_scorer_has_seen_no_recipe_of_the_book(opened, teacher, tmp_path):
     settings = replace(SMALL, kg="none", with_=(teacher,), features="random")
     trained = train_recipes(RecipesConfig(opened.source, settings), tmp_path / "model")
@@ -308,20 +279,6 @@ def test_a_zero_shot_scorer_has_seen_no_recipe_of_the_book(opened, teacher, tmp_
     other = replace(opened, graph=graph, split=Split(graph, opened.split.config, Draw(parts)))
     folds = [join_books([teacher], each, "random", folds=3).folds.hash for each in (opened, other)]
     assert folds[0] == folds[1]
-
-
-@pytest.mark.slow
-def test_tables_alone_are_a_scorer(opened, knowledge, tmp_path):
-    settings = replace(SMALL, kg="none", with_=(str(knowledge),))
-    folder = train_recipes(RecipesConfig(opened.source, settings), tmp_path / "model").folder
-    scorer = load_scorer(folder, graph=opened.graph)
-    (part,), (pair,) = reversed(open_outside([str(knowledge)], opened, "one-hot").tables)
-    off = ~np.eye(12, dtype=bool)
-    part, pair = (
-        (table - table[off].mean()) / table[off].std() for table in (part.numpy(), pair.numpy())
-    )
-    expected = part[3, 5] + part[4, 5] + pair[3, 4]
-    assert scorer.score_recipes(3, 4, 5).item() == pytest.approx(expected, abs=1e-2)
 
 
 def test_a_scorer_without_recipes_needs_a_source(opened, tmp_path):
@@ -594,35 +551,3 @@ def test_facts_without_three_columns_are_no_evidence(tmp_path, caplog):
     )
     assert evidence.of_recipe("dough", "oven", "bread") == ()
     assert "facts.tsv, line 2: expected 3 columns" in caplog.text
-
-
-@pytest.mark.slow
-def test_explain_and_the_explorer_name_sources(run, moved, tmp_path, caplog):
-    agent, evidence = (
-        tmp_path / "agent",
-        OutsideEvidenceFinder.open(moved, opened_of_outside_evidence()),
-    )
-    settings = ("--use", "w", "--steps", 512, "--features", "random", "--distractors", 3)
-    assert run("train-agent", "kitchen", "--scorer", moved, *settings, "--out", agent).code == 0
-    lines = run("explain", agent, "--goal", "bread").out.splitlines()
-    heads = [number for number, line in enumerate(lines) if line.startswith("  w: ")]
-    assert heads
-    named = 0
-    for number in heads:
-        slot, partner = lines[number].removeprefix("  w: ").split(" because ")[0].split(" + ")
-        expected = [f"     {text}" for text in texts(evidence.of_recipe(slot, partner, "bread"))]
-        assert lines[number + 1 : number + 1 + len(expected)] == expected
-        assert not lines[number + 1 + len(expected)].startswith("     ")
-        named += len(expected)
-    assert named
-    page = (agent / "report" / "index.html").read_text()
-    assert "WordNet: " in page
-    explored = Explored.open("kitchen", [moved], [agent])
-    assert "; ".join(BREAD) in look(explored, PairState("dough", "oven")).text
-    assert " ".join(BREAD) in look(explored, LinkState("dough", "componentOf", "bread")).text
-    # Another scorer in the same place is not the scorer of the agent.
-    settings = replace(RecipesConfig.read(moved).settings, seed=1, with_=())
-    with short_fits():
-        train_recipes(RecipesConfig("kitchen", settings), moved, force=True)
-    assert "language model" not in run("explain", agent, "--goal", "bread").out
-    assert "has changed since the agent was trained" in caplog.text

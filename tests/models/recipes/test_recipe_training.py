@@ -10,7 +10,6 @@ from link_helpers import contents, interrupt_after, random_graph, rewritten, sam
 from short_fits import short_fits
 
 from wordcraft_kg import (
-    RecipeGraph,
     RecipesConfig,
     RecipeScorerConfig,
     SplitConfig,
@@ -22,8 +21,8 @@ from wordcraft_kg import (
     train_recipes,
 )
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError
-from wordcraft_kg.graphs.splits import Draw, Split, make_split
-from wordcraft_kg.graphs.train_samples import OUTSIDE, Folds, make_folds
+from wordcraft_kg.graphs.splits import make_split
+from wordcraft_kg.graphs.train_samples import make_folds
 from wordcraft_kg.models.knowledge.words import Words
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.recipes import training
@@ -37,7 +36,6 @@ from wordcraft_kg.models.recipes.committee import (
     fit_committee,
 )
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorers
-from wordcraft_kg.models.recipes.inductive import with_words
 from wordcraft_kg.models.scorers import config, config as limits
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.features import EntityFeatures
@@ -116,56 +114,6 @@ def words_of(vectors):
 def fitted(folds, vectors, wanted):
     fits = fit_recipe_scorers(folds, words_of(vectors), wanted)
     return {left_out: knowledge.constants() for left_out, knowledge in fits}
-
-
-def same_tensors(one, other):
-    return all(torch.equal(one[name], other[name]) for name in one)
-
-
-@pytest.mark.slow
-@compares_fits
-def test_a_fit_does_not_depend_on_the_other_fits_of_its_run():
-    folds = make_folds(make_split(random_graph(2, 12, 60), SplitConfig()), 3)
-    vectors = np.random.default_rng(0).normal(size=(12, 5))
-    together = fitted(folds, vectors, [(), (0,), (1,), (2,)])
-    for left_out in ((), (1,), (2,)):
-        assert same_tensors(fitted(folds, vectors, [left_out])[left_out], together[left_out])
-
-
-@compares_fits
-@pytest.mark.parametrize(
-    "what",
-    [
-        pytest.param("removed", marks=pytest.mark.slow),
-        "changed",
-        pytest.param("a test recipe changed", marks=pytest.mark.slow),
-    ],
-)
-def test_a_fold_has_no_influence_on_the_scorer_without_it(what):
-    graph = random_graph(2, 12, 60)
-    folds = make_folds(make_split(graph, SplitConfig()), 3)
-    fold = OUTSIDE if what == "a test recipe changed" else 1
-    rows = graph.recipes.copy()
-    row = int(np.flatnonzero(folds.of_recipe == fold)[0])
-    known = {tuple(recipe) for recipe in rows.tolist()}
-    a, b, _ = rows[row].tolist()
-    rows[row, 2] = next(result for result in range(12) if (a, b, result) not in known)
-    of_rows = folds.of_recipe
-    if what == "removed":
-        rows = np.delete(rows, row, axis=0)
-        of_rows = np.delete(of_rows, row)
-    changed = RecipeGraph(graph.entities, rows, [], name="changed")
-    place = {tuple(recipe): number for number, recipe in enumerate(rows.tolist())}
-    order = [place[tuple(recipe)] for recipe in changed.recipes.tolist()]
-    of_recipe = of_rows[order]
-    parts = np.where(of_recipe == OUTSIDE, 2, 0).astype(np.int8)
-    other = Folds(Split(changed, SplitConfig(), Draw(parts)), 3, 0, of_recipe)
-    vectors = np.random.default_rng(0).normal(size=(12, 5))
-    wanted = [(), (0,), (1,)]
-    before, after = (fitted(each, vectors, wanted) for each in (folds, other))
-    for left_out in wanted:
-        is_same = same_tensors(before[left_out], after[left_out])
-        assert is_same == (fold == OUTSIDE or left_out == (1,))
 
 
 def test_the_folder_has_words_once_and_a_scorer_for_each_fold(small, book):
@@ -294,35 +242,6 @@ def test_two_folds_are_too_few_to_leave_one_out(book, tmp_path):
     assert not (tmp_path / "model").exists()
 
 
-@pytest.mark.slow
-def test_w_is_restored_from_its_constants(recipes_folder):
-    """W is restored from its constants and a kept table is not mistaken for another."""
-    from wordcraft_kg.models.policies.sources.registry import source_class
-
-    scorer = load_scorer(recipes_folder)
-    world = World.open("kitchen", WordCraftConfig(num_distractors=2))
-    (full,) = make_sources(["w"], scorer, tasks=world.tasks)
-    restored = source_class("w").restored(full.num_entities, full.state_dict())
-    nothing = full.num_entities
-    goal, held = torch.tensor([3, 4]), torch.tensor([nothing, 1])
-    table = torch.tensor([[0, 1, 2, nothing], [1, 2, 5, nothing]])
-    states = States(goal, held, table)
-    expected = full(states)
-    assert torch.equal(restored(states), expected)
-    wider = torch.cat([table, torch.full((2, 3), nothing)], dim=1)
-    assert torch.equal(full(States(goal, held, wider)), torch.nn.functional.pad(expected, (0, 3)))
-    assert not full(States(goal, held, torch.full_like(table, nothing))).any()
-
-
-def test_a_recipe_scorer_plays_as_pairs_too(recipes_folder):
-    from wordcraft_kg.agents.players import scorer_players
-    from wordcraft_kg.models.folder import open_model
-
-    model = open_model(recipes_folder, "kitchen")
-    players = scorer_players(model.opened.graph, model.scorer, model.opened.split.partial)
-    assert "w, best pair" in players
-
-
 def test_w_and_p_score_tables_and_are_restored_from_their_constants(small, book):
     from wordcraft_kg.models.policies.sources.registry import source_class
 
@@ -380,24 +299,6 @@ def test_a_plan_may_make_an_entity_that_no_known_recipe_makes():
     # 6, from which nothing leads there.
     assert {*found[:2]} == {2, 7}
     assert found[2] == 6
-
-
-@pytest.mark.slow
-@compares_fits
-def test_new_entities_are_scored_by_words_and_old_scores_stay(kitchen, tmp_path):
-    settings = RecipeScorerConfig(kg="full", folds=2, features="glove")
-    folder = train_recipes(RecipesConfig("kitchen", settings), tmp_path / "model").folder
-    scorer = load_scorer(folder)
-    wider = with_words(folder, scorer, ["goulash", "lemonade"])
-    assert wider.entities == (*kitchen.entities, "goulash", "lemonade")
-    recipe = "flour", "water", "dough"
-    torch.testing.assert_close(
-        wider.score_recipes(*recipe), scorer.score_recipes(*recipe), rtol=1e-4, atol=1e-4
-    )
-    assert wider.score_recipes("flour", "milk", "goulash").isfinite()
-    assert wider.score("flour", "componentOf", "goulash").isfinite()
-    with pytest.raises(ConfigError, match="exists already"):
-        with_words(folder, scorer, ["flour"])
 
 
 def test_fewer_sets_of_lists_are_made_at_once_where_memory_is_short(monkeypatch):

@@ -17,11 +17,6 @@ import torch
 from link_helpers import interrupt_after
 
 from wordcraft_kg import load_scorer, open_model
-from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.apps.explorer.pages.entities import EntityState
-from wordcraft_kg.apps.explorer.pages.suggestions import SuggestionsState
-from wordcraft_kg.apps.explorer.site import Site
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphError
 from wordcraft_kg.evaluation import ranked_sets
 from wordcraft_kg.evaluation.ranked_sets import rank_sets, read_predictions
@@ -42,7 +37,7 @@ from wordcraft_kg.models.scorers.sets import knowledge as set_knowledge, loops
 from wordcraft_kg.models.scorers.sets.formulas import parse_formula
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge
 from wordcraft_kg.models.scorers.sets.parts import read_parts
-from wordcraft_kg.models.scorers.sets.scorer import SetScorer, stored_names
+from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 
 LETTERS = "abcdefgh"
 ROOT = Path(__file__).parents[3]
@@ -142,20 +137,6 @@ def test_scores_of_sets_are_their_probabilities_in_any_order_and_batch(scorer):
     np.testing.assert_array_equal(scores, singles)
 
 
-def test_sets_of_any_parts_have_the_probabilities_of_their_scores(scorer):
-    suggestions = scorer.recipes("Gbdh", 99, has_coverage=False)
-    sets = np.full((len(suggestions), 8), -1)
-    for row, suggestion in enumerate(suggestions):
-        sets[row, : len(suggestion.ingredients)] = suggestion.ingredients
-    goals = np.repeat(scorer.entity_ids(["Gbdh"]).numpy(), len(sets))
-    scores = scorer.score_sets(sets, goals)
-    np.testing.assert_allclose([each.score for each in suggestions], scores, rtol=1e-5)
-    assert sorted(scores, reverse=True) == scores.tolist()
-    best = scorer.recipes("Gbdh", 1)[0]
-    assert suggestions[0].ingredients == best.ingredients
-    assert suggestions[0].score == pytest.approx(best.score, rel=1e-4)
-
-
 def test_new_goals_and_ingredients_are_known_by_their_parts(book, scorer):
     parts = str(book / "parts.csv")
     wider = with_new_entities(scorer, ["Gnew", "new card"], parts, "one-hot")
@@ -187,34 +168,6 @@ def test_a_goal_whose_part_no_train_recipe_brings_is_refused_by_its_name(scorer)
         other.recipes("Gab")
 
 
-def test_a_model_whose_table_of_parts_has_moved_answers_for_its_own(run, book, model, tmp_path):
-    shutil.copytree(book, tmp_path / "moved")
-    (tmp_path / "moved" / "parts.csv").unlink()
-    folder = tmp_path / "moved" / "model"
-    assert "ax + bx -> Gab" in run("suggest", folder, "--goal", "Gab").out
-    refused = run("suggest", folder, "--goal", "Gnew")
-    assert "the table of parts that the model was trained with" in refused.err
-
-
-def test_a_goal_that_alone_brings_its_part_is_told_so(scorer):
-    """The card of a letter that no other card has, asked for as a goal."""
-    knowledge = scorer.knowledge
-    amounts = knowledge.amounts.copy()
-    ax = int(scorer.entity_ids("ax"))
-    amounts[ax] = 0
-    amounts = np.column_stack([amounts, np.arange(len(amounts)) == ax]).astype(np.float32)
-    tensors = dict(scorer.tensors()) | {
-        "amounts": torch.from_numpy(amounts),
-        "part_names": stored_names([*scorer.part_labels, "z"]),
-    }
-    tensors["network.first"] = torch.nn.functional.pad(tensors["network.first"], (0, 0, 0, 2))
-    goals = [row for row in knowledge.recipes.tolist() if ax in row[:-1]]
-    amounts[[row[-1] for row in goals], -1] = 0.5
-    other = SetScorer(tensors, scorer.entities, scorer.graph_hash)
-    with pytest.raises(ConfigError, match="only 'ax' itself brings its part z"):
-        other.recipes("ax")
-
-
 def test_supporting_recipes_are_of_similar_goals_and_never_the_recipe_itself(scorer):
     best = scorer.recipes("Gab", 1)[0]
     near = scorer.near_recipes("Gab", best.ingredients)
@@ -229,20 +182,6 @@ def test_links_are_scored_by_shares_and_by_how_often_ingredients_meet(scorer):
     assert scorer.score("ax", "combinesWith", "bx") > scorer.score("ax", "combinesWith", "cy")
     table = scorer.table("combinesWith")
     torch.testing.assert_close(table, table.T)
-
-
-def test_a_part_that_is_lost_in_some_folds_alone_changes_no_number_of_features(scorer, monkeypatch):
-    monkeypatch.setattr(set_fitting, "_EPOCHS", 1)
-    knowledge = scorer.knowledge
-    has_a = knowledge.amounts[:, scorer.part_labels.index("a")] > 0
-    goals = np.flatnonzero(has_a & np.isin(np.arange(len(has_a)), knowledge.goal_ids))
-    # One recipe in some twenty loses the part; in a half of the recipes, one in ten, or none.
-    has_a[goals[0]] = False
-    amounts = np.column_stack([knowledge.amounts, 0.1 * has_a]).astype(np.float32)
-    fitted = set_fitting.fit_sets(knowledge.recipes, amounts, knowledge.words, seed=0, folds=2)
-    whole = SetKnowledge(knowledge.recipes, amounts, knowledge.words)
-    assert whole.is_key[-1]
-    assert len(fitted.mean) == whole.num_features
 
 
 def test_goals_without_parts_do_not_count_as_having_lost_all(scorer):
@@ -443,14 +382,6 @@ def test_forged_tensors_are_refused(scorer, name, change):
         load()
 
 
-def test_a_changed_file_is_an_error_that_names_it(book, model, tmp_path):
-    shutil.copytree(book / "model", tmp_path / "model")
-    path = tmp_path / "model" / "model.safetensors"
-    path.write_bytes(path.read_bytes()[:-1] + b"\0")
-    with pytest.raises(ArtefactError, match=r"model\.safetensors"):
-        load_scorer(tmp_path / "model")
-
-
 # --- books, settings and parts --------------------------------------------------------------------
 
 
@@ -493,14 +424,6 @@ def test_goals_whose_parts_no_other_recipe_brings_are_refused():
         )
 
 
-def test_rows_of_sets_have_a_padding_and_the_goal_last(opened_kitchen):
-    graph = opened_kitchen.graph
-    rows = rows_of_sets(graph, np.arange(graph.num_recipes) < 2)
-    assert rows.shape == (2, 9)
-    assert rows[:, 2:8].tolist() == [[-1] * 6] * 2
-    np.testing.assert_array_equal(rows[:, [0, 1, 8]], graph.sets[:2])
-
-
 @pytest.mark.parametrize("setting", [{"label_noise": 0.1}, {"kg": "none", "with_": ("kitchen",)}])
 def test_settings_of_models_of_pairs_are_refused(book, tmp_path, setting):
     settings = RecipeScorerConfig(parts=str(book / "parts.csv"), **setting)
@@ -526,13 +449,6 @@ def test_a_wrong_table_of_parts_is_refused_with_its_fault(tmp_path, text, fault)
     path.write_text(text)
     with pytest.raises(ConfigError, match=fault):
         read_parts(str(path), ["ax"])
-
-
-def test_a_table_of_a_single_part_is_refused(tmp_path):
-    path = tmp_path / "parts.csv"
-    path.write_text("label,part,amount\nax,a,1\nbx,a,2\n")
-    with pytest.raises(ConfigError, match="'a' is the only part, which tells no entities apart"):
-        read_parts(str(path), ["ax", "bx"])
 
 
 def test_formulas_are_read_with_brackets_decimals_and_hydrates_or_refused():
@@ -713,13 +629,6 @@ def test_files_of_recipes_and_links_of_new_entities_are_refused_with_the_reason(
     assert "links of the graph's entities alone" in outcome.err
 
 
-def test_words_of_minilm_are_of_built_in_books(scorer):
-    with pytest.raises(ConfigError, match="no words for 'zzqx': a model of minilm words"):
-        with_new_entities(scorer, ["zzqx"], "none", "minilm")
-    with pytest.raises(ConfigError, match="glove has no vector for its words"):
-        with_new_entities(scorer, ["zzqx"], "none", "glove")
-
-
 RULES = """
 def no_dx(ingredients, goal):
     return "dx" not in ingredients
@@ -792,26 +701,6 @@ def test_a_rule_that_is_no_function_of_sets_is_refused_with_the_reason(
     refused = run("suggest", book / "model", "--goal", "Gab", "--rule", rule)
     assert refused.code == 1
     assert fault in refused.err
-
-
-def test_the_explorer_lists_suggested_sets_on_the_page_of_a_goal(book, model):
-    explored = Explored.open(book / "graph", [book / "model"])
-    state = EntityState("Gab")
-    site = Site(explored, lambda page, state: page.address(state), str, is_static=False)
-    html = site.page(PAGES["entity"], state)
-    best = PAGES["entity"].view(explored, state).suggested[0]
-    assert best.ingredients == ("ax", "bx")
-    assert "Suggestions of model" in html
-    # No other card has an a: the page says nothing, and does not fail.
-    assert PAGES["entity"].view(explored, EntityState("ax")).suggested == ()
-
-
-def test_the_form_for_suggestions_stays_beside_the_reason_why_there_are_none(book, model):
-    explored = Explored.open(book / "graph", [book / "model"])
-    site = Site(explored, lambda page, state: page.address(state), str, is_static=False)
-    html = site.page(PAGES["suggestions"], SuggestionsState(item="ax", goal="Gab"))
-    assert "goal and item together" in html
-    assert 'value="ax"' in html
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,4 @@
 import gzip
-import hashlib
 import io
 import math
 import os
@@ -10,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import example, given, strategies as st
-from link_helpers import flip_bit
 from small_scorers import cosine
 
 from wordcraft_kg.base.errors import ConfigError
@@ -31,7 +29,6 @@ from wordcraft_kg.models.scorers.features import (
     named,
 )
 from wordcraft_kg.models.scorers.near_synonyms import (
-    NEAR_SYNONYM,
     near_synonym_recipes,
     near_synonym_triples,
 )
@@ -71,13 +68,6 @@ def test_features_follow_the_order_of_the_labels_and_cannot_be_changed():
     for array in (features.vectors, features.known, features.unit_vectors):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0
-
-
-def test_meaning_is_in_the_vectors_of_all_words_of_everyday():
-    features = glove_features(open_book("everyday").entities)
-    assert (len(features.missing_words), len(features.words)) == (0, 1_177)
-    lake, river, bread = glove_features(["lake", "river", "bread"]).vectors.tolist()
-    assert cosine(lake, river) > NEAR_SYNONYM > cosine(lake, bread)
 
 
 def refused(spec, labels=("sea", "iron"), **options):
@@ -219,13 +209,6 @@ def test_a_name_goes_before_a_file_that_is_called_so(home, monkeypatch):
     assert make_features("./random", ["sea"]).vectors.tolist() == [[1, 2]]
 
 
-def test_the_hash_is_that_of_shape_and_vectors():
-    made = make_features("one-hot", ["a", "b"])
-    assert made.sha256 == hashlib.sha256(b"[2, 2]" + struct.pack("<4f", 1, 0, 0, 1)).hexdigest()
-    flat = EntityFeatures("test", made.vectors.reshape(1, 4), made.known[:1], (), ())
-    assert flat.sha256 != made.sha256
-
-
 def test_more_than_a_fifth_without_a_vector_is_refused_unless_allowed():
     assert make_features("glove", ["sea"] * 4 + ["zqxjkv"]).known.tolist() == [True] * 4 + [False]
     labels = ["sea"] * 18 + [f"zqx{i:02} waterzqx" if i % 2 else f"zqx{i:02}" for i in range(24)]
@@ -240,25 +223,6 @@ def test_more_than_a_fifth_without_a_vector_is_refused_unless_allowed():
     made = make_features("glove", labels, allow_missing=True)
     assert made.known.sum() == 18
     assert not made.vectors[18:].any()
-
-
-@pytest.mark.parametrize("allow_missing", [False, True])
-@pytest.mark.parametrize(
-    ("spec", "size"), [("glove", 50), ("one-hot", 0), ("random", 300), ("shuffled:glove", 50)]
-)
-def test_no_labels_have_no_features_of_any_kind(spec, size, allow_missing):
-    assert make_features(spec, [], allow_missing=allow_missing).vectors.shape == (0, size)
-
-
-def test_gloves_know_nearly_all_of_little_alchemy_2(alchemy):
-    made = make_features("glove", alchemy.entities)
-    unknown = [
-        label
-        for label, is_known in zip(alchemy.entities, made.known.tolist(), strict=True)
-        if not is_known
-    ]
-    assert unknown == ["firestation", "trainyard"]
-    assert made.missing_words == ("firestation", "frankenstein's", "rainbow!", "trainyard")
 
 
 GLOVE_TEXT = "the 0.5 -1 2e-1\nsea 1 2 3\nacid 4 0 0\nrain 2 2 -2\nSea 9 9 9\nsea 7 7 7\n"
@@ -415,22 +379,6 @@ def test_labels_get_their_vectors_from_unusual_files(case, vectors_file):
 def test_a_damaged_text_file_is_refused_with_its_line(content, expected, vectors_file):
     path = vectors_file(content)
     assert refused(path).startswith(path + expected)
-
-
-@pytest.mark.parametrize("cut", [5, 15, 30, -1, None])
-def test_a_gzip_file_that_is_cut_off_or_has_a_wrong_bit_is_refused(cut, vectors_file):
-    path = vectors_file(gzip.compress(GLOVE_TEXT.encode())[:cut], "vectors.txt.gz")
-    if cut is None:
-        flip_bit(Path(path), -6)  # in its check sum
-    assert refused(path).startswith(f"{path} is damaged: ")
-
-
-def test_a_file_that_may_not_be_read_is_refused(vectors_file, monkeypatch):
-    def forbidden(path):
-        raise PermissionError(13, "Permission denied", str(path))
-
-    monkeypatch.setattr(features_module, "_lines", forbidden)
-    assert "cannot be read: [Errno 13] Permission denied" in refused(vectors_file(GLOVE_TEXT))
 
 
 @given(

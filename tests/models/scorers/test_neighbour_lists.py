@@ -4,7 +4,6 @@ import importlib.util
 import logging
 import math
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 
 import numba
@@ -15,13 +14,11 @@ from kernel_oracles import explicit_ridge, link_tables
 from link_helpers import random_graph
 
 from wordcraft_kg.base.settings import CORES_VARIABLE
-from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, recipe_triples
 from wordcraft_kg.models.scorers.kernel import TEXT, completion, profiles
 from wordcraft_kg.models.scorers.neighbours import (
     blocks,
     compiled as compiling,
-    knowledge,
     lists as lists_module,
 )
 from wordcraft_kg.models.scorers.neighbours.feature_loops import FLOOR as LEAST_EVIDENCE, LEAST
@@ -396,34 +393,6 @@ def test_a_batch_scores_like_single_tables_in_any_order_of_slots():
     torch.testing.assert_close(moved, scores[:, order][:, :, order], rtol=1e-4, atol=1e-4)
 
 
-def test_two_threads_compute_the_same_features_as_one(monkeypatch):
-    parts = [random_knowledge(0), random_knowledge(1), random_knowledge(2)]
-    shared = {"vectors": parts[0].vectors, "near_words": parts[0].near_words}
-    alike = [RecipeKnowledge(part.constants() | shared) for part in parts]
-    known = RecipeKnowledge.stacked(alike)
-    goal, table = random_tables(rows=300)
-    # As in training with folds: no model has enough rows for a thread of its own.
-    model = torch.arange(300) % 7 % 3
-    with torch_threads(1):
-        alone = known.features(goal, table, model)
-    pools = []
-
-    def pool(workers):
-        pools.append(workers)
-        return ThreadPoolExecutor(workers)
-
-    monkeypatch.setattr(knowledge, "ThreadPoolExecutor", pool)
-    with torch_threads(2):
-        assert torch.equal(known.features(goal, table, model), alone)
-    # Features of links, then those of pairs.
-    assert pools == [2, 2]
-    for number, part in enumerate(alike):
-        rows = model == number
-        of_part = part.features(goal[rows], table[rows], torch.zeros_like(goal[rows]))
-        assert torch.equal(alone[rows], of_part)
-    assert not torch.equal(alike[0].features(goal, table, model * 0), alone)
-
-
 def test_unknown_ids_are_refused_and_a_missing_goal_has_no_features():
     known = random_knowledge(0)
     goal, table, model = torch.tensor([SIZE]), torch.tensor([[0, 1]]), torch.tensor([0])
@@ -504,26 +473,6 @@ def test_recipes_with_the_most_similar_results_support_a_goal():
     assert (lists.support[goal] >= 0).sum() == min(len(known.recipes), lists.support.shape[1])
 
 
-@pytest.mark.slow
-def test_10000_results_of_a_pair_and_a_hub_of_5000_recipes_are_cheap():
-    size = 10_200
-    results = np.arange(100, 10_100)
-    many = np.column_stack([np.zeros_like(results), np.ones_like(results), results])
-    partners = np.arange(2, 5_002)
-    hub = np.column_stack([np.zeros_like(partners), partners, partners % 90 + 100])
-    recipes = np.concatenate([many, hub]).astype(np.int64)
-    vectors = np.zeros((size, 0), dtype=np.float32)
-    lists = make_lists(recipes, vectors, nearest_words(vectors), rank=8)
-    goals = np.array([100, 10_099, 10_150])
-    tables = np.array([[0, 1]] * 3)
-    features = features_of_tables(lists, goals, tables)
-    assert np.isfinite(features).all()
-    # The pair of both slots, between those of a slot with itself.
-    assert features[:, 1, FEATURES.index("makes")].tolist() == [1, 1, 0]
-    for relation, entities in ((COMBINES_WITH, [0, 1]), (COMPONENT_OF, [0, 100])):
-        assert link_features(lists, relation, np.array(entities)).isfinite().all()
-
-
 @pytest.mark.parametrize("recipes", [[], [[0, 0, 0]], [[0, 1, 2]]])
 def test_books_with_hardly_a_recipe_have_features(recipes):
     rows = np.array(recipes, dtype=np.int64).reshape(-1, 3)
@@ -575,51 +524,6 @@ def call(tmp_path, monkeypatch, caplog):
     assert call() == ([], 0)
     assert call() == ([], 1)
     return call
-
-
-def flipped(data):
-    """Change a bit in the middle, where the machine code of a data file is."""
-    middle = len(data) // 2
-    return data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
-
-
-@pytest.mark.parametrize(
-    ("kind", "damage"),
-    [
-        ("nbi", lambda data: b""),
-        ("nbc", flipped),
-        *(
-            pytest.param(kind, damage, marks=pytest.mark.slow)
-            for kind, damage in (
-                ("nbi", flipped),
-                ("nbi", lambda data: data[:-1]),
-                ("nbc", lambda data: b""),
-                ("nbc", lambda data: data[:-1]),
-            )
-        ),
-    ],
-)
-def test_a_damaged_file_is_made_again_with_one_line(call, tmp_path, kind, damage):
-    (path,) = (tmp_path / "cache").rglob(f"*.{kind}")
-    path.write_bytes(damage(path.read_bytes()))
-    (warning,), hits = call()
-    assert "damaged machine code" in warning
-    assert hits == 0
-    assert call() == ([], 1)
-
-
-def test_a_damaged_file_that_cannot_be_replaced_costs_time_only(call, tmp_path, monkeypatch):
-    (path,) = (tmp_path / "cache").rglob("*.nbi")
-    path.write_bytes(b"")
-
-    def refused(*arguments):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(compiling._Files, "_save_index", refused)
-    for _ in range(2):
-        (warning,), hits = call()
-        assert "damaged machine code" in warning
-        assert hits == 0
 
 
 def test_machine_code_of_another_loop_never_runs(call, tmp_path):

@@ -172,15 +172,6 @@ def test_a_sample_of_pairs_stands_for_all(scorer, folds, monkeypatch):
     np.testing.assert_array_equal(sample.unlabelled, again.unlabelled)
 
 
-def test_a_sample_of_a_fold_stands_for_all_of_it(scorer, folds, monkeypatch):
-    everything = score_fold(scorer.left_out(0), folds, 0)
-    monkeypatch.setattr(probabilities, "MOST_OF_FOLD", 40)
-    sample = score_fold(scorer.left_out(0), folds, 0)
-    whole = everything.positives.sum(axis=(1, 2))
-    np.testing.assert_allclose(sample.positives.sum(axis=(1, 2)), whole)
-    assert np.count_nonzero(sample.positives) <= 80 < np.count_nonzero(everything.positives)
-
-
 def test_recipes_outside_train_change_nothing_but_by_their_number(scorer, folds):
     """The results of all test recipes are replaced; only what is looked at could change."""
     graph, split = folds.split.graph, folds.split

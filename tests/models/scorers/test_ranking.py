@@ -9,8 +9,7 @@ import pandas as pd
 import pytest
 import torch
 from hypothesis import given, strategies as st
-from link_helpers import random_graph
-from link_oracles import slow_clusters, slow_ranks
+from link_helpers import random_graph, slow_clusters, slow_ranks
 from pykeen.evaluation import RankBasedEvaluator
 from small_scorers import table_scorer
 
@@ -105,22 +104,6 @@ def test_a_sample_is_of_the_size_asked_for_in_order_and_of_its_seed(opened_kitch
     assert sampled(triples, len(triples)) is triples
 
 
-def test_no_triples_give_no_ranks():
-    ranks = rank_triples(
-        constant_scorer(3), np.empty((0, 3), dtype=np.int64), np.empty((0, 3), dtype=np.int64)
-    )
-    assert (
-        ranking_metrics(ranks) == random_metrics(ranks.assign(candidates=[])) == RankingMetrics(0)
-    )
-
-
-def test_ranking_leaves_the_scorers_table_as_it_was():
-    table = np.arange(18).reshape(2, 3, 3)
-    scorer, triples = table_scorer(table), np.array([[0, 0, 1], [2, 1, 0]])
-    rank_triples(scorer, triples, triples)
-    assert scorer.scores.tolist() == table.tolist()
-
-
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_scores_that_are_not_finite_are_an_artefact_error(value):
     table = np.zeros((2, 4, 4))
@@ -178,17 +161,6 @@ def test_ranks_and_metrics_agree_with_pykeens_evaluator(opened_kitchen):
             for name, pykeens in names.items():
                 expected = theirs.get_metric(f"{side}.{kind}.{pykeens}")
                 assert getattr(ours, name) == pytest.approx(expected, rel=1e-6, abs=1e-6), name
-
-
-def test_metrics_by_hand():
-    ranks = pd.DataFrame({"rank": [1.0, 2.0, 3.5, 11.0], "candidates": [5, 5, 7, 21]})
-    metrics = ranking_metrics(ranks)
-    assert metrics.mrr == pytest.approx((1 + 1 / 2 + 1 / 3.5 + 1 / 11) / 4)
-    assert (metrics.hits_at_1, metrics.hits_at_3, metrics.hits_at_10) == (0.25, 0.5, 0.75)
-    assert metrics.mean_rank == 17.5 / 4
-    # Expected ranks minus one: 2, 2, 3 and 10; reached: 0, 1, 2.5 and 10.
-    assert metrics.amri == pytest.approx(1 - 13.5 / 17)
-    assert metrics.queries == 4
 
 
 def test_a_field_of_one_candidate_has_no_chance_to_beat():

@@ -41,7 +41,6 @@ from wordcraft_kg.models.scorers.kernel import completion, profiles
 from wordcraft_kg.models.scorers.link_evidence import POWER, RECIPES, LinkEvidence
 from wordcraft_kg.models.scorers.protocol import RecipeScores
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
-from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 
 @pytest.fixture(scope="module")
@@ -110,15 +109,6 @@ def test_queries_of_both_relations_have_the_scores_of_each(scorer, has_table, mo
     torch.testing.assert_close(heads, torch.cat(reversed_), rtol=2e-3, atol=1e-3)
 
 
-def test_single_links_have_the_scores_of_the_table(scorer):
-    generator = torch.Generator().manual_seed(4)
-    heads, tails = torch.randint(len(scorer.entities), (2, 60), generator=generator)
-    for relation in (COMBINES_WITH, COMPONENT_OF):
-        single = scorer.knowledge.link_scores(relation, tails, heads[:, None], heads=True)[:, 0]
-        expected = scorer.table(relation)[heads, tails]
-        torch.testing.assert_close(single, expected, rtol=2e-3, atol=1e-3)
-
-
 def test_a_sample_of_a_fold_stands_for_all_its_recipes(cross_fitted, opened_kitchen, monkeypatch):
     folds = make_folds(opened_kitchen.split, cross_fitted.count)
     left_out = cross_fitted.left_out(0)
@@ -152,19 +142,6 @@ def test_a_large_book_proposes_results_of_neighbours(scorer, cross_fitted, monke
     is_proposed = torch.zeros(2, size + 1, dtype=torch.bool).scatter_(1, ids, True)[:, :size]
     assert torch.equal(shares > 0, is_proposed)
     torch.testing.assert_close(shares.sum(1), torch.ones(2))
-
-
-def test_a_scorer_made_from_its_tensors_scores_the_same(scorer):
-    again = RecipeScorer(scorer.tensors(), scorer.entities, scorer.graph_hash)
-    a, b, results = torch.randint(
-        len(scorer.entities), (3, 200), generator=torch.Generator().manual_seed(0)
-    )
-    torch.testing.assert_close(
-        again.score_recipes(a, b, results), scorer.score_recipes(a, b, results), rtol=0, atol=0
-    )
-    assert again.supporting_recipes("flour", "water", "dough") == scorer.supporting_recipes(
-        "flour", "water", "dough"
-    )
 
 
 def test_a_known_recipe_is_its_own_evidence(scorer, cross_fitted, kitchen):
@@ -257,18 +234,6 @@ def test_the_kernel_scorer_is_the_sum_of_standardised_parts():
     np.testing.assert_allclose(scorer.table("combinesWith").numpy(), combines, atol=1e-3)
     np.testing.assert_allclose(scorer.table("componentOf").numpy(), component, atol=1e-3)
     assert (scorer.name, scorer.graph_hash) == ("recipe kernel", graph.hash)
-
-
-@any_recipes
-def test_scorers_of_any_recipes_are_finite_and_the_same_again(recipes):
-    graph = graph_of(recipes)
-    for vectors in (None, drawn_vectors(0)):
-        tables = [
-            torch.stack([KernelScorer(graph, recipes, vectors).table(r) for r in (0, 1)])
-            for _ in range(2)
-        ]
-        assert torch.isfinite(tables[0]).all()
-        assert torch.equal(*tables)
 
 
 def test_large_tables_and_foreign_vectors_are_refused(kitchen, monkeypatch):

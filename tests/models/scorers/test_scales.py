@@ -173,17 +173,6 @@ def test_self_edges_are_kept_whatever_was_observed():
     np.testing.assert_array_equal(dropped, tables_of(self_edges="drop"))
 
 
-@any_scale
-def test_scaling_twice_gives_the_same_bits(scale):
-    """Scaling twice gives the same bits and changes nothing in the scorer."""
-    before = SCORER.scores.detach().clone()
-    one, other = (scaled_scorer(SCORER, scale=scale, self_edges="drop") for _ in range(2))
-    assert torch.equal(one.scores, other.scores)
-    one.scores.zero_()
-    assert torch.equal(SCORER.scores, before)
-    assert other.scores.any()
-
-
 FACTORED = complex_scorer(SIZE, 4, shift=0.3)
 
 
@@ -214,12 +203,6 @@ def test_scores_that_tell_no_pairs_apart_become_zero():
     scorer = complex_scorer(SIZE, 4, scale=0.0, shift=0.3)
     scaling = sampled_scaling(scorer, COMBINES_WITH)
     assert scores_of(scorer, COMBINES_WITH, scaling).abs().max() < 1e-5
-
-
-def test_scores_without_any_value_have_equal_ranks():
-    nothing = table_scorer(torch.zeros(len(RELATIONS), SIZE, SIZE))
-    scaling = sampled_scaling(nothing, COMBINES_WITH, "ranks")
-    assert not scores_of(nothing, COMBINES_WITH, scaling).any()
 
 
 @pytest.mark.parametrize("ties", [False, True])

@@ -13,8 +13,7 @@ import pytest
 import safetensors.torch
 import torch
 from hypothesis import example, given, strategies as st
-from link_helpers import flip_bit, random_graph, train
-from link_oracles import equation_1
+from link_helpers import equation_1, flip_bit, random_graph, train
 from small_scorers import embeddings
 
 from wordcraft_kg import LinkModelConfig, load_scorer, save_scorer
@@ -131,12 +130,6 @@ def test_labels_and_ids_give_the_same_scores(scorer, relation):
         scorer.score(GRAPH.triples[:, 0], number, GRAPH.triples[:, 2])[3], expected
     )
     torch.testing.assert_close(scorer.score(head, number, tail), expected)
-
-
-@any_scorer
-def test_no_ids_give_no_scores(scorer):
-    assert scorer.score([], COMPONENT_OF, []).shape == (0,)
-    assert scorer.score(torch.empty(0, 3, dtype=torch.int64), COMPONENT_OF, 1).shape == (0, 3)
 
 
 OUTSIDE = (-1, SIZE, [0, SIZE], [-1, 0], torch.tensor([[0], [SIZE + 5]]))
@@ -303,13 +296,6 @@ def test_a_loaded_scorer_follows_the_protocol_and_knows_its_graph(folder, opened
     assert scorer.name == folder.name
     with pytest.raises(GraphMismatchError):
         load_scorer(folder, graph=GRAPH)
-
-
-def test_a_loaded_scorer_has_the_scores_of_the_weights_in_the_folder(complex_folder):
-    weights = safetensors.torch.load_file(complex_folder / "model.safetensors")
-    scorer = load_scorer(complex_folder)
-    assert scorer.table(COMPONENT_OF).abs().max() > 0
-    same_tables(scorer, ComplExScorer(weights, scorer.entities, scorer.graph_hash))
 
 
 def test_a_table_models_scores_are_those_of_the_pykeen_model(distmult_folder):

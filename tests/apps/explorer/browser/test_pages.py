@@ -192,27 +192,6 @@ def test_slash_leads_to_the_search_and_enter_to_the_chosen_entity(open_page, sit
     assert page.locator("h1").inner_text() == "bread"
 
 
-def test_a_slash_in_a_text_is_a_slash(open_page, site):
-    page = open_page()
-    page.goto(f"{site}/tasks")
-    page.locator("#goal").fill("")
-    page.locator("#goal").press("/")
-    assert page.locator("#goal").input_value() == "/"
-
-
-def test_the_way_back_leads_through_the_states_before(open_page, site):
-    page = open_page()
-    page.goto(f"{site}/tasks")
-    page.locator("#part").select_option("train")
-    page.wait_for_url("**part=train**")
-    page.go_back()
-    assert "part" not in page.url
-    assert page.locator("#part").input_value() != "train"
-    page.go_forward()
-    assert "part=train" in page.url
-    assert page.locator("#part").input_value() == "train"
-
-
 def values_of(lines):
     return [lines.nth(i).input_value() for i in range(lines.count())]
 

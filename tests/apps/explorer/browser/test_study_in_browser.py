@@ -126,17 +126,6 @@ def test_a_session_by_keyboard_alone(open_page, study):
     assert slots == [(0, 1), (9, 8), (4, 4), (2, 0)]
 
 
-def test_a_double_click_is_one_pick(page, study):
-    thing(page, 3).dblclick()
-    page.wait_for_url("**first=4")
-    page.wait_for_timeout(500)
-    assert page.url.endswith("first=4")
-    assert study.lines() == []
-    thing(page, 3).click()  # meant
-    page.wait_for_url("**/feedback/1")
-    assert len(study.lines()) == 1
-
-
 def test_the_rest_of_a_double_click_is_no_pick_but_a_key_is(page):
     """The second half of a double click on the next page is no pick but a key is."""
     thing(page, 3).click()
@@ -150,13 +139,6 @@ def test_the_rest_of_a_double_click_is_no_pick_but_a_key_is(page):
     assert page.url.endswith("first=4")
     page.keyboard.press("4")
     page.wait_for_url("**/feedback/1")
-
-
-def test_early_keys_are_not_another_first_pick(page):
-    """Keys that come before the next page are not taken for another first pick."""
-    press = "document.body.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true }))"
-    page.evaluate(f"for (const key of ['1', '2', '3']) {press}")
-    page.wait_for_url("**first=1")
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

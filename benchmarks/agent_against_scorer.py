@@ -15,15 +15,14 @@ import argparse
 import itertools
 import json
 from pathlib import Path
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 import torch
-from split_intervals import split_interval
 
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.base.artefacts import write_atomically
+from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.evaluation.players import view_evaluation
 
 
@@ -47,12 +46,6 @@ def measured(run: Path) -> dict[str, Any]:
     }
 
 
-def error_of(row: dict[str, Any]) -> float:
-    """Return the standard error of a run's gain, from its 95 % interval."""
-    low, high = row["interval"]
-    return float((high - low) / (2 * NormalDist().inv_cdf(0.975)))
-
-
 def main() -> None:
     """Measure the runs of a results folder, print a table, and write all figures."""
     parser = argparse.ArgumentParser(
@@ -73,11 +66,8 @@ def main() -> None:
         gains = [
             np.mean([row["gain"] for row in runs if row["split_seed"] == split]) for split in splits
         ]
-        errors = [
-            np.mean([error_of(row) for row in runs if row["split_seed"] == split])
-            for split in splits
-        ]
-        low, high = split_interval(gains, errors, within=(-1, 1))
+        # One split says nothing of others.
+        low, high = student_interval(gains, within=(-1, 1)) or (-1.0, 1.0)
         agent, differs = (np.mean([row[name] for row in runs]) for name in ("agent", "differs"))
         worst, above, below = (
             min(row["interval"][0] for row in runs),

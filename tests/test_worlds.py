@@ -15,8 +15,7 @@ from helpers import refuses
 
 from wordcraft_kg import SplitConfig, WordCraftConfig, World, make_split
 from wordcraft_kg.agents.discovery import make_discoverers, play_runs
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError
-from wordcraft_kg.base.statistics import student_interval
+from wordcraft_kg.base.errors import ArtefactError, LeakError
 from wordcraft_kg.evaluation.discovery import ORACLES
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, layers, open_book, open_graph
 
@@ -37,8 +36,6 @@ results = import_module("world_results")
 PlayedWorld = results.PlayedWorld
 
 script = import_module("discovery_worlds")
-
-split_interval = import_module("split_intervals").split_interval
 
 ATTEMPTS = 25
 
@@ -243,24 +240,3 @@ def test_held_out_pairs_are_not_told_by_their_absence(kind, seed):
         train = World(opened, WordCraftConfig(num_distractors=distractors))
         measured = absence_player(train, train.variant(part="test"), 700_000)
         assert measured["absence"] < measured["random pair"] + 0.03
-
-
-def test_the_mean_over_splits_is_never_surer_than_the_tasks_of_one_split():
-    noise = 0.02
-    low, high = split_interval([0.2200, 0.2205, 0.2195], [noise] * 3)
-    assert (low, high) == pytest.approx((0.22 - 1.959964 * noise, 0.22 + 1.959964 * noise))
-    student = student_interval([0.2200, 0.2205, 0.2195])
-    assert student[1] - student[0] < 0.1 * (high - low)
-    wide = [0.18, 0.22, 0.20]
-    between = 4.302653**2 * (0.02**2 - 0.019**2) / 3 + 1.959964**2 * 0.019**2
-    low, high = split_interval(wide, [0.019] * 3)
-    student = 4.302653 * 0.02 / 3**0.5
-    assert (0.2 - low, high - 0.2) == pytest.approx([max(between**0.5, student)] * 2)
-    near = [0.195, 0.205, 0.20]
-    between = 4.302653**2 * (0.005**2 - 0.004**2) / 3 + 1.959964**2 * 0.004**2
-    assert between**0.5 < 4.302653 * 0.005 / 3**0.5, "Student's t is the wider one"
-    assert split_interval(near, [0.004] * 3) == pytest.approx(student_interval(near))
-    assert split_interval([0.4], [0.1]) == pytest.approx((0.4 - 0.1959964, 0.4 + 0.1959964))
-    assert split_interval([-0.9, -0.9], [0.1, 0.1], within=(-1, 1))[0] == -1
-    with pytest.raises(ConfigError, match="2 errors of 3 scores"):
-        split_interval([0.1, 0.2, 0.3], [0.1, 0.1])

@@ -39,7 +39,6 @@ from wordcraft_kg.base.statistics import (
     correlation,
     crossed_difference,
     interval,
-    paired_difference,
     rate_interval,
     student_interval,
     task_bootstrap,
@@ -208,14 +207,10 @@ def steps_of_mean(speed: float, seeds: int, _: int) -> Trial:
 
 def of_tasks(name: str, _: int, tasks: int) -> Trial:
     expected = truth(name, of_one=True)
-
-    def trial(rng: np.random.Generator) -> tuple[tuple[float, float], float]:
-        solved = scores(name, rng.normal(size=tasks), 0, rng)[0] * ATTEMPTS
-        return task_bootstrap(
-            (np.arange(ATTEMPTS) < solved[:, None] - 0.5).astype(int), None, draws=1_000
-        ), expected
-
-    return trial
+    return lambda rng: (
+        rate_interval(scores(name, rng.normal(size=tasks), 0, rng), None),
+        expected,
+    )
 
 
 def of_players(names: tuple[str, str], _: int, tasks: int) -> Trial:
@@ -223,13 +218,9 @@ def of_players(names: tuple[str, str], _: int, tasks: int) -> Trial:
 
     def trial(rng: np.random.Generator) -> tuple[tuple[float, float], float]:
         one, other = rng.normal(size=(2, tasks))
-        solved = [
-            scores(name, skill, 0, rng)[0][:, None] * ATTEMPTS > np.arange(ATTEMPTS) + 0.5
-            for name, skill in zip(
-                names, (one, ALIKE * one + (1 - ALIKE**2) ** 0.5 * other), strict=True
-            )
-        ]
-        return paired_difference(*solved, None, draws=1_000)[1:], expected
+        left = scores(names[0], one, 0, rng)
+        right = scores(names[1], ALIKE * one + (1 - ALIKE**2) ** 0.5 * other, 0, rng)
+        return crossed_difference(left - right, None)[0][1:], expected
 
     return trial
 
@@ -278,6 +269,14 @@ def difference_by_goal(names: tuple[str, str], seeds: int, goals: int) -> Trial:
 
 def of_tasks_by_goal(name: str, _: int, goals: int) -> Trial:
     expected, groups = truth(name, of_one=True), of_goals(goals)
+    return lambda rng: (
+        rate_interval(scores(name, difficulties(groups, rng), 0, rng), groups),
+        expected,
+    )
+
+
+def bootstrap_by_goal(name: str, _: int, goals: int) -> Trial:
+    expected, groups = truth(name, of_one=True), of_goals(goals)
 
     def trial(rng: np.random.Generator) -> tuple[tuple[float, float], float]:
         rates = scores(name, difficulties(groups, rng), 0, rng)[0]
@@ -294,12 +293,9 @@ def of_players_by_goal(names: tuple[str, str], _: int, goals: int) -> Trial:
 
     def trial(rng: np.random.Generator) -> tuple[tuple[float, float], float]:
         one, other = difficulties(groups, rng), difficulties(groups, rng)
-        alike = ALIKE * one + (1 - ALIKE**2) ** 0.5 * other
-        solved = [
-            attempts_of(scores(name, skill, 0, rng)[0])
-            for name, skill in zip(names, (one, alike), strict=True)
-        ]
-        return paired_difference(*solved, groups, draws=1_000)[1:], expected
+        left = scores(names[0], one, 0, rng)
+        right = scores(names[1], ALIKE * one + (1 - ALIKE**2) ** 0.5 * other, 0, rng)
+        return crossed_difference(left - right, groups)[0][1:], expected
 
     return trial
 
@@ -498,6 +494,9 @@ KINDS = {
     "success of one player over recipes": Kind(of_tasks, SINGLE, ONE_PLAYER, TASKS),
     "difference of two players over recipes": Kind(of_players, PAIRS[:3], ONE_PLAYER, TASKS),
     "success of one player over goals": Kind(of_tasks_by_goal, SINGLE, ONE_PLAYER, GOALS),
+    "the same by bootstrap, as evaluate-agents has it": Kind(
+        bootstrap_by_goal, SINGLE, ONE_PLAYER, GOALS
+    ),
     "difference of two players over goals": Kind(of_players_by_goal, PAIRS[:3], ONE_PLAYER, GOALS),
     "MRR of one scorer over recipes": Kind(of_ranks, [2.0, 20.0], ONE_PLAYER, TASKS),
     "correlation over scorers": Kind(of_points, ["pearson", "spearman"], ONE_PLAYER, (14,)),

@@ -1,9 +1,9 @@
-"""Worlds that benchmarks cut out of books, wrong recipes, and results of play in many worlds."""
+"""Worlds that benchmarks cut out of books, and results of play in them; people's pairs."""
 
+import itertools
 import json
 import runpy
 import sys
-from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,9 +14,8 @@ import torch
 from helpers import refuses
 
 from wordcraft_kg import SplitConfig, WordCraftConfig, World, make_split
-from wordcraft_kg.agents.discovery import make_discoverers, play_runs
 from wordcraft_kg.base.errors import ArtefactError, LeakError
-from wordcraft_kg.evaluation.discovery import ORACLES
+from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, layers, open_book, open_graph
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
@@ -25,23 +24,15 @@ worlds_of_books = import_module("cut_worlds")
 
 SIZES = worlds_of_books.SIZES
 
-WAYS = worlds_of_books.WAYS
-
 cut_world = worlds_of_books.cut_world
 
-with_wrong_recipes = worlds_of_books.with_wrong_recipes
+separate_worlds = worlds_of_books.separate_worlds
 
-results = import_module("world_results")
-
-PlayedWorld = results.PlayedWorld
+shared_part = worlds_of_books.shared_part
 
 script = import_module("discovery_worlds")
 
-ATTEMPTS = 25
-
-SMALL = (20, 40)
-
-GOLDEN = ["9515e6c95ace", "cfb5e820a644"]
+GOLDEN = ["cd27d5876a66", "d796fe9a5ee4"]
 """Begin of the hashes of the worlds 0 and 7 of ``everyday``."""
 
 
@@ -50,12 +41,9 @@ def everyday():
     return open_book("everyday")
 
 
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize(
-    "seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)]
-)
-def test_a_world_has_all_recipes_among_its_entities_and_all_can_be_made(everyday, way, seed):
-    world = cut_world(everyday, seed, way)
+@pytest.mark.parametrize("seed", [0, 1, 24])
+def test_a_world_has_all_recipes_among_its_entities_and_all_can_be_made(everyday, seed):
+    world = cut_world(everyday, seed)
     entities = set(world.entities)
     assert SIZES[0] <= len(entities) <= SIZES[1]
     assert 4 <= len(world.base) <= 6
@@ -63,86 +51,79 @@ def test_a_world_has_all_recipes_among_its_entities_and_all_can_be_made(everyday
     assert set(world.recipes) == inside
     assert (layers(RecipeGraph.from_book(world)) >= 0).all()
     assert {world.kinds[recipe] for recipe in world.recipes} <= set(everyday.kinds.values())
-    if way != "base":
-        assert world.base == everyday.base
 
 
-def test_worlds_differ_by_seed_and_way_and_depend_on_nothing_else(everyday):
-    worlds = {(seed, way): cut_world(everyday, seed, way) for seed in range(2) for way in WAYS}
-    assert len({world.recipes for world in worlds.values()}) == len(worlds)
-    assert len({world.sha256 for world in worlds.values()}) == len(worlds)
-    for (seed, way), world in worlds.items():
-        assert cut_world(everyday, seed, way) == world
-    # The ways take turns with the seed.
-    assert cut_world(everyday, 1).recipes == worlds[1, "topic"].recipes
-    graphs_of_two = [RecipeGraph.from_book(cut_world(everyday, seed)).hash[:12] for seed in (0, 7)]
+def test_worlds_differ_by_seed_and_depend_on_nothing_else(everyday):
+    worlds = [cut_world(everyday, seed) for seed in (0, 7)]
+    assert worlds[0].recipes != worlds[1].recipes
+    assert worlds[0].sha256 != worlds[1].sha256
+    assert cut_world(everyday, 7) == worlds[1]
     # Known figures refer to these worlds: the draws may never change.
-    assert graphs_of_two == GOLDEN
+    assert [RecipeGraph.from_book(world).hash[:12] for world in worlds] == GOLDEN
 
 
-@pytest.mark.parametrize("percent", [1, 30, 100])
-def test_wrong_recipes_exchange_results_and_keep_none_of_a_pair(percent):
-    book = open_book("kitchen")
-    wrong = with_wrong_recipes(book, percent)
-    new = set(wrong.recipes) - set(book.recipes)
-    assert len(wrong.recipes) == len(book.recipes)
-    assert len(new) == pytest.approx(
-        percent / 100 * len(book.recipes), abs=0.02 * len(book.recipes)
-    )
-    assert not any(recipe.is_self_result for recipe in new)
-    assert wrong.entities == book.entities
-    assert wrong.base == book.base
-    # Each pair has as many recipes as before, and each entity is made as often.
-    for column in (lambda recipe: recipe[:2], lambda recipe: recipe[2]):
-        assert sorted(map(column, wrong.recipes)) == sorted(map(column, book.recipes))
-    assert with_wrong_recipes(book, percent) == wrong != with_wrong_recipes(book, percent, 1)
+@pytest.mark.slow
+def test_every_number_gives_a_world(everyday):
+    for seed in range(400):
+        assert len(cut_world(everyday, seed).entities) >= SIZES[0]
 
 
-def play(graph, players=("random-no-repeat", *ORACLES), seed=0, attempts=ATTEMPTS):
-    return play_runs(graph, make_discoverers(players, graph), attempts, 3, seed)
+def test_where_no_drawn_base_reaches_enough_the_book_s_own_does(everyday, monkeypatch):
+    monkeypatch.setattr(worlds_of_books, "_DRAWS", 0)
+    assert cut_world(everyday, 0).base == everyday.base
+    with refuses("sizes"):
+        cut_world(open_book("kitchen"), 0)
 
 
-@pytest.fixture(scope="module")
-def worlds():
-    """Four small worlds; of the first player there is a second fit."""
-    book = open_book("kitchen")
-    played = []
-    for seed in range(4):
-        graph = RecipeGraph.from_book(cut_world(book, seed, sizes=(20, 40)))
-        fits = [play(graph), play(graph, ["random-no-repeat"], seed=1)]
-        played.append(PlayedWorld(graph, fits, {"random-no-repeat": seed}))
-    return played
+def test_separate_worlds_share_at_most_a_fifth_of_their_recipes(everyday):
+    every = separate_worlds(everyday, candidates=8)
+    assert 1 < len(every) < 8
+    shared = [
+        shared_part(set(one.recipes), set(other.recipes))
+        for one, other in itertools.combinations(every, 2)
+    ]
+    assert max(shared) <= 0.2
+    few = separate_worlds(everyday, candidates=8, most=2)
+    assert len(few) == 2
+    assert {world.name for world in few} <= {world.name for world in every}
 
 
-def test_the_scripts_play_worlds_and_write_figures_and_graph_folders(tmp_path, monkeypatch, capsys):
+def test_an_area_is_a_mean_of_discoveries_and_worlds_are_the_clusters():
+    assert script.curve_area(np.array([[4, 5, 5, 7]])).tolist() == [pytest.approx(5 / 3)]
+    areas = np.array([[0.2, 0.4, 0.3, 0.5]])
+    figures = script.estimate(areas)
+    low, high = student_interval(areas[0])
+    assert figures == pytest.approx({"mean": 0.35, "low": low, "high": high})
+    assert script.estimate(np.ones((2, 3))) == {"mean": 1, "low": None, "high": None}
+
+
+@pytest.mark.slow
+def test_the_scripts_play_worlds_and_write_figures_and_graph_folders(
+    tmp_path, monkeypatch, capsys, recipes_folder
+):
     def run(module, *arguments):
         monkeypatch.setattr(sys, "argv", [module.__name__, *map(str, arguments)])
         module.main()
 
-    quick = ("--worlds", 8, "--runs", 1, "--attempts", 12, "--book", "kitchen")
-    run(script, "everyday", *quick, "--json", tmp_path / "figures.json")
+    quick = ("--candidates", 3, "--most", 2, "--runs", 1, "--attempts", 60, "--book", "kitchen")
+    guided = ("--scorer", f"{recipes_folder},{recipes_folder}")
+    run(script, "everyday", *quick, *guided, "--json", tmp_path / "figures.json")
     figures = json.loads((tmp_path / "figures.json").read_text())
-    assert [world["name"] for world in figures["worlds"]] == ["world-8-everyday"]
-    assert list(figures["players"]) == [*script.SCRIPTED, "book-votes"]
-    assert "book-votes" in capsys.readouterr().out
-    run(worlds_of_books, "everyday", 8, tmp_path / "world")
+    names = ["random-no-repeat", "nearest-words", "book-votes", "greedy", "recipe-learner"]
+    assert list(figures["players"]) == names
+    assert figures["players"]["greedy"]["area"]["mean"] == 1
+    assert list(figures["recipe-learner minus"]) == names[:3]
+    assert [len(figures[part]) for part in ("worlds", "overlaps")] == [2, 1]
+    assert figures["worlds"][0]["recipes in everyday"] == 1
+    printed = capsys.readouterr().out
+    assert "pairs of worlds share" in printed
+    assert "recipe-learner - book-votes" in printed
+    name = figures["worlds"][0]["name"]
+    run(worlds_of_books, "everyday", name.split("-")[1], tmp_path / "world")
     assert open_graph(tmp_path / "world").graph.hash == figures["worlds"][0]["hash"]
-    with pytest.raises(SystemExit, match="at least 200 entities in kitchen"):
-        run(worlds_of_books, "kitchen", 8, tmp_path / "small")
+    with pytest.raises(SystemExit, match="`seed` -1"):
+        run(worlds_of_books, "everyday", -1, tmp_path / "small")
     assert not (tmp_path / "small").exists()
-
-
-def test_worlds_for_measuring_follow_from_the_committed_secret(tmp_path, monkeypatch):
-    secret = tmp_path / "secret.txt"
-    secret.write_text("a guess\n")
-    with refuses("secret"):
-        script.seeds(secret, range(3))
-    monkeypatch.setattr(script, "SECRET_SHA256", sha256(b"a guess").hexdigest())
-    drawn = script.seeds(secret, range(1, 7))
-    assert drawn == script.seeds(secret, range(7))[1:]
-    assert len(set(drawn)) == 6
-    assert [seed % 3 for seed in drawn] == [1, 2, 0, 1, 2, 0]
-    assert script.seeds(None, range(2, 4)) == [2, 3]
 
 
 SCRIPT = Path(__file__).parents[1] / "benchmarks" / "people_pairs.py"

@@ -118,7 +118,9 @@ def test_a_curve_depends_on_the_seed_and_not_on_who_else_plays(kitchen, curves):
     both = curves[curves["player"] == "greedy"].reset_index(drop=True)
     pd.testing.assert_frame_equal(alone, both)
     again, other = (
-        curves_of(kitchen, make_discoverers(["random-no-repeat"], kitchen), ATTEMPTS, runs=20, seed=seed)
+        curves_of(
+            kitchen, make_discoverers(["random-no-repeat"], kitchen), ATTEMPTS, runs=20, seed=seed
+        )
         for seed in (0, 1)
     )
     pd.testing.assert_frame_equal(

@@ -1,121 +1,143 @@
-"""Open-ended play in many worlds of a book: curves, areas and passed bottlenecks, with intervals.
+"""Open-ended play in separate worlds of a book: areas and known entities, with intervals.
 
-    wordcraft-kg train-recipes little-alchemy-2 --kg full --out models/la2
-    python benchmarks/discovery_worlds.py everyday --scorer la2=models/la2 --book little-alchemy-2 \\
-        --json worlds.json
-    python benchmarks/discovery_worlds.py infinite-craft --secret secret.txt --scorer la2=models/la2
+    wordcraft-kg train-recipes everyday --kg full --without infinite-craft --out models/everyday
+    python benchmarks/discovery_worlds.py infinite-craft --scorer models/everyday --book everyday \\
+        --candidates 40 --json worlds.json
 
-Plays the worlds 0 to 19 of a book, which ``cut_worlds.py`` cuts. Settings are chosen on the worlds of
-``everyday``. The worlds of ``--secret`` are for measuring: their seeds follow from a secret that
-is outside the repository, and whose hash is below, so that nobody can have chosen settings on them.
-``--scorer NAME=FOLDER,FOLDER`` adds ``recipe-learner NAME`` with one or more fits of a knowledge;
-repeat it for other knowledge. ``--worlds whole`` plays the book itself. ``--wrong 30`` plays worlds in which 30 % of the book's recipes make
-something else: a player that knows the book, or another with the same recipes, is wrong there.
+Cuts worlds out of a book (``cut_worlds.py``), chooses those of which no two share more than a fifth
+of the recipes, prints what each pair shares, and lets all players play them. Settings of the
+players were chosen on ``everyday`` (SETTINGS), so that its worlds are no measurement; of other
+books, the script prints the share of each world's recipes that ``everyday`` has, too.
+
+The player ``book-votes`` knows the ``--book`` without the recipes that the worlds' book has, as
+``--without`` leaves them out of the scorer's training.
+
+Each world is a cluster of its own: intervals are for other worlds and fits like these. ``--scorer
+FOLDER,FOLDER`` are fits of one knowledge.
 """
 
 import argparse
 import time
-from collections.abc import Iterator
-from hashlib import sha256
+from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
-from cut_worlds import cut_world, with_wrong_recipes
-from world_results import PlayedWorld, WorldsView, view_worlds
+from cut_worlds import CANDIDATES, separate_worlds, shared_part
+from numpy.typing import NDArray
 
-from wordcraft_kg.agents.discovery import Plays, make_discoverers, play_runs
-from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
+from wordcraft_kg.agents.discovery import ORACLE, Plays, make_discoverers, play_runs
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import checked_values
-from wordcraft_kg.evaluation.discovery import ORACLES, open_guide
-from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.base.statistics import crossed_difference
+from wordcraft_kg.evaluation.discovery import open_guide
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import RecipeBook
 
-SECRET_SHA256 = "41d8f1f427b75d39e4539abcb3101430ca07e85e8559f143f938f6e74071d546"
-"""Of the secret, without blanks around it."""
-SCRIPTED = ("random-no-repeat", "nearest-words", *ORACLES)
+SETTINGS = "everyday"
+"""The book on whose worlds the settings of the players were chosen."""
 LEARNER = "recipe-learner"
+ATTEMPTS = 150
+"""Attempts of a run: at the end, a player that knows the world has made nearly all of it."""
+MARKS = (50, 100, 150)
+Table = NDArray[np.float64]
 
 
-def seeds(secret: Path | None, numbers: range) -> list[int]:
-    """Return the seeds of worlds: the numbers themselves, or numbers that follow from a secret.
+def curve_area(known: NDArray[np.integer]) -> Table:
+    """Return the mean number of discovered entities over all attempts: the area under a curve.
 
-    Raises:
-        ConfigError: if the secret is not the one of the committed hash.
+    ``area = mean_{t = 1..n} (known_t - known_0)``. Unlike the number at the end, it counts early
+    discoveries more, and does not depend on the size of the base.
+
+    Args:
+        known: number of known entities after each attempt, 0 first, shape (..., n + 1).
     """
-    if secret is None:
-        return list(numbers)
-    text = secret.read_text(encoding="utf-8").strip()
-    if sha256(text.encode()).hexdigest() != SECRET_SHA256:
-        raise ConfigError(f"`secret` {secret}: its SHA-256 is not the committed one.")
-    # The number's remainder chooses the way, so that the ways take turns as in public worlds.
-    drawn = [int(sha256(f"{text}/{number}".encode()).hexdigest()[:12], 16) for number in numbers]
-    return [3 * seed + number % 3 for seed, number in zip(drawn, numbers, strict=True)]
+    gained = known[..., 1:] - known[..., :1]
+    return np.asarray(gained.mean(axis=-1), dtype=np.float64)
 
 
-def cut_worlds(options: argparse.Namespace, source: RecipeBook) -> Iterator[RecipeGraph]:
-    """Yield the worlds to play: those of the numbers, or the whole book."""
-    if options.worlds == "whole":
-        yield RecipeGraph.from_book(source)
-        return
-    first, _, last = options.worlds.partition("-")
-    numbers = range(int(first), int(last or first) + 1)
-    for number, seed in zip(numbers, seeds(options.secret, numbers), strict=True):
-        graph = RecipeGraph.from_book(cut_world(source, seed))
-        if options.secret is not None:
-            # The name would tell the seed.
-            graph.name = f"secret-{number}-{source.name}"
-        yield graph
+def estimate(values: Table) -> dict[str, float | None]:
+    """Return the mean over fits and worlds with its interval, None where nothing varies.
 
-
-def merged(plays: list[Plays]) -> Plays:
-    """Return the plays of several players in one world."""
-    return Plays(
-        tuple(name for one in plays for name in one.players),
-        np.concatenate([one.known for one in plays]),
-        np.concatenate([one.repeated for one in plays]),
-        np.concatenate([one.learnt for one in plays]),
-    )
+    Args:
+        values: shape (fits, worlds).
+    """
+    # The interval is made for differences, and cut at -1 and 1: far from there, nothing is cut.
+    scale = 100 * float(np.abs(values).max()) or 1.0
+    mean = float(values.mean())
+    if np.ptp(values) == 0:
+        return {"mean": mean, "low": None, "high": None}
+    (_, low, high), _ = crossed_difference(values / scale, None)
+    return {"mean": mean, "low": low * scale, "high": high * scale}
 
 
 def played(
     graph: RecipeGraph, options: argparse.Namespace, book: RecipeGraph | None
-) -> PlayedWorld:
-    """Let all players play a world."""
-    names = [*SCRIPTED, *(["book-votes"] if book is not None else [])]
-    scripted = make_discoverers(names, graph, book=book)
-    fits: list[list[Plays]] = [[play_runs(graph, scripted, options.attempts, options.runs)]]
-    shared = {}
-    for name, folders in options.scorers.items():
-        for number, folder in enumerate(folders):
-            guide = open_guide(folder, graph)
-            shared[name] = guide.shared
-            learner = RecipeDiscoverer(guide.recipes)
-            learners = {name: learner}
-            if options.ablate:
-                learners[f"{name}, no doubt"] = learner.variant(0)
-            if len(fits) <= number:
-                fits.append([])
-            fits[number].append(play_runs(graph, learners, options.attempts, options.runs))
-    return PlayedWorld(graph, [merged(plays) for plays in fits], shared)
+) -> list[Plays]:
+    """Let all players play a world: each fit of the scorer once, with all others beside it."""
+    names = ["random-no-repeat", "nearest-words", *(["book-votes"] if book else []), ORACLE]
+    if not options.scorers:
+        players = make_discoverers(names, graph, book=book)
+        return [play_runs(graph, players, options.attempts, options.runs)]
+    fits = []
+    for folder in options.scorers:
+        recipes = open_guide(folder, graph).recipes
+        players = make_discoverers([*names, LEARNER], graph, recipes, book)
+        fits.append(play_runs(graph, players, options.attempts, options.runs))
+    return fits
 
 
-def text(view: WorldsView) -> None:
-    """Print a row for each player and a row for each world."""
-    for name, player in view.players.items():
-        known = "  ".join(f"{mark}: {each.mean:.1f}" for mark, each in player.known.items())
-        area = player.area
-        bounds = "" if area.low is None else f" [{area.low:.3f}, {area.high:.3f}]"
-        passed = "" if player.passed is None else f"  passed {player.passed.mean:.0%}"
-        print(f"{name:24} {known}  area {area.mean:.3f}{bounds}{passed}")
-    for name, each in view.differences.items():
-        print(
-            f"{view.best} - {name}: {each.mean:+.3f} [{each.low or 0:+.3f}, {each.high or 0:+.3f}]"
-        )
+def without(book: RecipeBook, source: RecipeBook) -> RecipeGraph:
+    """Return a book without the recipes that the worlds' book has, too: the scorer lacks them."""
+    shared = set(source.recipes)
+    recipes = [recipe for recipe in book.recipes if recipe not in shared]
+    return RecipeGraph.from_recipes(recipes, book.base)
+
+
+def overlaps(worlds: list[RecipeBook]) -> list[dict[str, Any]]:
+    """Return which part of the entities and recipes each pair of worlds shares."""
+    return [
+        {
+            "worlds": (left.name, right.name),
+            "entities": round(shared_part(set(left.entities), set(right.entities)), 3),
+            "recipes": round(shared_part(set(left.recipes), set(right.recipes)), 3),
+        }
+        for left, right in combinations(worlds, 2)
+    ]
+
+
+def summary(plays: list[list[Plays]]) -> dict[str, Any]:
+    """Return the figures of each player, and the gain of the learner over each of them."""
+    # Shape (fits, worlds, runs, attempts + 1), by player.
+    known = {
+        name: np.array([[fit.known[number] for fit in fits] for fits in plays]).swapaxes(0, 1)
+        for number, name in enumerate(plays[0][0].players)
+    }
+    oracle = curve_area(known[ORACLE]).mean(axis=2)
+    areas = {name: curve_area(curves).mean(axis=2) / oracle for name, curves in known.items()}
+    figures = {
+        name: {
+            "area": estimate(areas[name]),
+            "known": {
+                str(n): estimate(curves[..., n].mean(axis=2)) for n in MARKS if n < curves.shape[-1]
+            },
+            "areas": [round(float(area), 4) for area in areas[name].mean(axis=0)],
+        }
+        for name, curves in known.items()
+    }
+    gains = {}
+    if LEARNER in areas:
+        others = [name for name in areas if name not in (LEARNER, ORACLE)]
+        gains = {name: estimate(areas[LEARNER] - areas[name]) for name in others}
+    return {"players": figures, f"{LEARNER} minus": gains}
+
+
+def shown(figures: dict[str, float | None]) -> str:
+    """Return an estimate as text."""
+    if figures["low"] is None:
+        return f"{figures['mean']:.3f}"
+    return "{mean:.3f} [{low:.3f}, {high:.3f}]".format(**figures)
 
 
 def main() -> None:
@@ -124,34 +146,48 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("source", help="the book to cut worlds out of")
-    parser.add_argument("--worlds", default="0-19", help="numbers of worlds, first-last, or whole")
-    parser.add_argument("--secret", type=Path, help="file with the secret")
-    parser.add_argument("--wrong", type=int, help="per cent of the recipes with another result")
-    parser.add_argument("--scorer", action="append", default=[], help="NAME=FOLDER[,FOLDER]")
-    parser.add_argument("--ablate", action="store_true", help="each learner without doubt, too")
+    parser.add_argument("--candidates", type=int, default=CANDIDATES)
+    parser.add_argument("--most", type=int, help="largest number of worlds")
+    parser.add_argument("--scorer", default="", help="FOLDER[,FOLDER]: fits that guide the learner")
     parser.add_argument("--book", help="another book, for the player book-votes")
-    parser.add_argument("--attempts", type=int, default=500)
-    parser.add_argument("--runs", type=int, default=3)
+    parser.add_argument("--attempts", type=int, default=ATTEMPTS)
+    parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     torch.set_num_threads(1)
-    options.scorers = {}
-    for given in options.scorer:
-        name, _, folders = given.partition("=")
-        options.scorers[f"{LEARNER} {name}"] = [Path(folder) for folder in folders.split(",")]
+    options.scorers = [Path(folder) for folder in options.scorer.split(",") if folder]
     source = open_book(options.source)
-    if options.wrong:
-        source = with_wrong_recipes(source, options.wrong)
-    book = None if options.book is None else open_graph(options.book).graph
-    worlds = []
-    for graph in cut_worlds(options, source):
+    book = None if options.book is None else without(open_book(options.book), source)
+    worlds = separate_worlds(source, candidates=options.candidates, most=options.most)
+    pairs = overlaps(worlds)
+    for pair in pairs:
+        print("{worlds[0]}, {worlds[1]}: entities {entities}, recipes {recipes}".format(**pair))
+    settings = set(open_book(SETTINGS).recipes)
+    results = []
+    plays = []
+    for world in worlds:
         began = time.process_time()
-        worlds.append(played(graph, options, book))
-        print(f"{graph.name}: {time.process_time() - began:.0f} s", flush=True)
-    view = view_worlds(worlds)
-    text(view)
+        graph = RecipeGraph.from_book(world)
+        plays.append(played(graph, options, book))
+        seen = len(settings & set(world.recipes)) / len(world.recipes)
+        sizes = {"entities": len(world.entities), "recipes": len(world.recipes)}
+        about = {"base": world.base, **sizes, f"recipes in {SETTINGS}": round(seen, 3)}
+        results.append({"name": world.name, "hash": graph.hash, **about})
+        print(results[-1], f"{time.process_time() - began:.0f} s", flush=True)
+    for part in ("entities", "recipes"):
+        shares = [pair[part] for pair in pairs] or [0.0]
+        print(f"pairs of worlds share {np.mean(shares):.3f} of the {part}, at most {max(shares)}")
+    view = summary(plays)
+    for name, figures in view["players"].items():
+        known = "  ".join(f"{mark}: {each['mean']:.1f}" for mark, each in figures["known"].items())
+        print(f"{name:20} {known}  area {shown(figures['area'])}")
+    for name, gain in view[f"{LEARNER} minus"].items():
+        print(f"{LEARNER} - {name}: {shown(gain)}")
     if options.json:
-        write_atomically(options.json, dump_json(checked_values(view)))
+        setting = {"book": options.source, "candidates": options.candidates, "runs": options.runs}
+        setting |= {"attempts": options.attempts, "fits": len(options.scorers)}
+        written = {**setting, "worlds": results, "overlaps": pairs, **view}
+        write_atomically(options.json, dump_json(written))
 
 
 if __name__ == "__main__":

@@ -11,14 +11,20 @@ one scenario has single failed trainings. The truth is the mean over fresh seeds
 an interval over seeds, over fresh seeds on these tasks.
 
 Goals: tasks have a goal, and tasks of a goal are alike; goals have 1 to 40 tasks, as in Little
-Alchemy 2. Three to five splits of a book hold out a fifth of its goals each, with one training; the
-truth is that of fresh goals.
+Alchemy 2.
+
+Splits: each draws a fifth of the recipes or goals of one book, whose tasks keep their difficulty,
+and a shift that all its trainings share; trainings add their own. The truth is the mean over all
+splits and trainings of this book. The deviations (BOOKS) are estimated from stored tables of three
+splits: at depth 1 the means of splits vary .8 to 1.1 times as much as their tasks say (variances),
+at depth 2 2.3 to 3.7 times.
 """
 
 import argparse
 import json
-from collections.abc import Callable, Iterator
-from itertools import product
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -26,7 +32,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, ndtri
-from split_intervals import split_interval
 
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.base.statistics import (
@@ -34,7 +39,6 @@ from wordcraft_kg.base.statistics import (
     correlation,
     crossed_difference,
     interval,
-    paired_difference,
     rate_interval,
     student_interval,
     task_bootstrap,
@@ -42,6 +46,8 @@ from wordcraft_kg.base.statistics import (
 from wordcraft_kg.studies import claims, view
 
 Table = NDArray[np.float64]
+Designs = tuple[tuple[int, int], ...]
+"""Numbers of splits and of trainings on each."""
 Trial = Callable[[np.random.Generator], tuple[tuple[float, float], float]]
 """Draw data, and return an interval with the truth."""
 ATTEMPTS = 5
@@ -71,7 +77,7 @@ PAIRS += [
 PAIRS += [("released code, .64", "no graph, .29")]
 ALIKE = 0.7
 """Correlation of the difficulty of a task for two kinds of agents."""
-NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(120)
+NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(40)
 
 
 def mean_of(logits: Table, deviation: float) -> Table:
@@ -201,14 +207,10 @@ def steps_of_mean(speed: float, seeds: int, _: int) -> Trial:
 
 def of_tasks(name: str, _: int, tasks: int) -> Trial:
     expected = truth(name, of_one=True)
-
-    def trial(rng: np.random.Generator) -> tuple[tuple[float, float], float]:
-        solved = scores(name, rng.normal(size=tasks), 0, rng)[0] * ATTEMPTS
-        return task_bootstrap(
-            (np.arange(ATTEMPTS) < solved[:, None] - 0.5).astype(int), None, draws=1_000
-        ), expected
-
-    return trial
+    return lambda rng: (
+        rate_interval(scores(name, rng.normal(size=tasks), 0, rng), None),
+        expected,
+    )
 
 
 def of_players(names: tuple[str, str], _: int, tasks: int) -> Trial:
@@ -216,13 +218,9 @@ def of_players(names: tuple[str, str], _: int, tasks: int) -> Trial:
 
     def trial(rng: np.random.Generator) -> tuple[tuple[float, float], float]:
         one, other = rng.normal(size=(2, tasks))
-        solved = [
-            scores(name, skill, 0, rng)[0][:, None] * ATTEMPTS > np.arange(ATTEMPTS) + 0.5
-            for name, skill in zip(
-                names, (one, ALIKE * one + (1 - ALIKE**2) ** 0.5 * other), strict=True
-            )
-        ]
-        return paired_difference(*solved, None, draws=1_000)[1:], expected
+        left = scores(names[0], one, 0, rng)
+        right = scores(names[1], ALIKE * one + (1 - ALIKE**2) ** 0.5 * other, 0, rng)
+        return crossed_difference(left - right, None)[0][1:], expected
 
     return trial
 
@@ -271,6 +269,14 @@ def difference_by_goal(names: tuple[str, str], seeds: int, goals: int) -> Trial:
 
 def of_tasks_by_goal(name: str, _: int, goals: int) -> Trial:
     expected, groups = truth(name, of_one=True), of_goals(goals)
+    return lambda rng: (
+        rate_interval(scores(name, difficulties(groups, rng), 0, rng), groups),
+        expected,
+    )
+
+
+def bootstrap_by_goal(name: str, _: int, goals: int) -> Trial:
+    expected, groups = truth(name, of_one=True), of_goals(goals)
 
     def trial(rng: np.random.Generator) -> tuple[tuple[float, float], float]:
         rates = scores(name, difficulties(groups, rng), 0, rng)[0]
@@ -287,29 +293,119 @@ def of_players_by_goal(names: tuple[str, str], _: int, goals: int) -> Trial:
 
     def trial(rng: np.random.Generator) -> tuple[tuple[float, float], float]:
         one, other = difficulties(groups, rng), difficulties(groups, rng)
-        alike = ALIKE * one + (1 - ALIKE**2) ** 0.5 * other
-        solved = [
-            attempts_of(scores(name, skill, 0, rng)[0])
-            for name, skill in zip(names, (one, alike), strict=True)
-        ]
-        return paired_difference(*solved, groups, draws=1_000)[1:], expected
+        left = scores(names[0], one, 0, rng)
+        right = scores(names[1], ALIKE * one + (1 - ALIKE**2) ** 0.5 * other, 0, rng)
+        return crossed_difference(left - right, groups)[0][1:], expected
 
     return trial
 
 
-def over_splits(name: str, splits: int, goals: int) -> Trial:
-    """Mean success over splits of a book with five times ``goals`` goals; a training for each
-    split."""
-    expected, groups = truth(name), of_goals(5 * goals)
+BOOKS = {  # logits: mean, and standard deviations of tasks, splits, trainings and rest; kind
+    "no graph": (-1.4, 3.0, 0.03, 0.03, 0.7, "by-recipe"),
+    "recipe scorer": (3.0, 3.0, 0.05, 0.03, 0.7, "by-recipe"),
+    "full graph": (7.0, 2.0, 0.05, 0.1, 1.0, "by-recipe"),
+    "depth 2, planner": (1.5, 2.0, 0.15, 0.05, 0.7, "by-recipe"),
+    "depth 2, ComplEx": (-3.0, 2.5, 0.3, 0.3, 0.7, "by-recipe"),
+    "no graph, by goal": (-2.5, 3.0, 0.05, 0.05, 0.7, "by-goal"),
+    "recipe scorer, by goal": (-1.0, 3.0, 0.03, 0.03, 0.7, "by-goal"),
+    "depth 2, ComplEx, by goal": (-5.0, 3.0, 0.6, 0.3, 0.7, "by-goal"),
+}
+GAINS = [
+    ("recipe scorer", "no graph"),
+    ("no graph", "no graph"),
+    ("full graph", "recipe scorer"),
+    ("depth 2, planner", "depth 2, ComplEx"),
+    ("recipe scorer, by goal", "no graph, by goal"),
+    ("recipe scorer, by goal", "recipe scorer, by goal"),
+    ("depth 2, ComplEx, by goal", "no graph, by goal"),
+]
+"""Variants that are compared on the same splits and tasks."""
+HELD_OUT = 0.2
+"""Share of the recipes or goals that a split holds out."""
+SPLIT_GROUPS = {"by-recipe": 633, "by-goal": 139}
+"""Groups that a split of Little Alchemy 2 holds out."""
+
+
+@dataclass(frozen=True)
+class Book:
+    """A book whose tasks keep their difficulty over splits.
+
+    Attributes:
+        groups: group of each task, shape (N,).
+        difficulty: difficulty of each task for two kinds of agents, shape (2, N).
+    """
+
+    groups: NDArray[np.int64]
+    difficulty: Table
+
+    def truth(self, name: str, side: int) -> float:
+        """Return the mean success over all splits and trainings."""
+        mean, of_tasks, of_splits, of_trainings, of_rest, _ = BOOKS[name]
+        logits = mean + of_tasks * self.difficulty[side]
+        return float(mean_of(logits, math.hypot(of_splits, of_trainings, of_rest)).mean())
+
+    def play(
+        self,
+        name: str,
+        side: int,
+        test: NDArray[np.bool_],
+        trainings: int,
+        rng: np.random.Generator,
+    ) -> Table:
+        """Return success rates of trainings on a split's test tasks, shape (trainings, tasks)."""
+        mean, of_tasks, of_splits, of_trainings, of_rest, _ = BOOKS[name]
+        difficulty = self.difficulty[side][test]
+        shift = of_splits * rng.normal() + of_trainings * rng.normal(size=(trainings, 1))
+        rest = of_rest * rng.normal(size=(trainings, len(difficulty)))
+        rates = expit(mean + of_tasks * difficulty + shift + rest)
+        return rng.binomial(ATTEMPTS, rates) / ATTEMPTS
+
+
+def draw_book(kind: str, rng: np.random.Generator) -> Book:
+    """Return a book of which a split of this kind holds out as many groups as usual."""
+    number = round(SPLIT_GROUPS[kind] / HELD_OUT)
+    groups = of_goals(number) if kind == "by-goal" else np.arange(number)
+    first = difficulties(groups, rng)
+    second = ALIKE * first + (1 - ALIKE**2) ** 0.5 * difficulties(groups, rng)
+    return Book(groups, np.stack([first, second]))
+
+
+def test_parts(book: Book, splits: int, rng: np.random.Generator) -> list[NDArray[np.bool_]]:
+    """Return for each split which tasks it holds out."""
+    number = int(book.groups.max()) + 1
+    held_out = round(HELD_OUT * number)
+    return [np.isin(book.groups, rng.permutation(number)[:held_out]) for _ in range(splits)]
+
+
+def over_splits(name: str, splits: int, trainings: int) -> Trial:
+    """Mean success over splits of a book."""
 
     def trial(rng: np.random.Generator) -> tuple[tuple[float, float], float]:
-        difficulty, rates, errors = difficulties(groups, rng), [], []
-        for _ in range(splits):
-            held_out = np.isin(groups, rng.permutation(5 * goals)[:goals])
-            rate = float(scores(name, difficulty[held_out], 1, rng).mean())
-            rates.append(rate)
-            errors.append((rate * (1 - rate) / held_out.sum()) ** 0.5)
-        return split_interval(rates, errors), expected
+        book = draw_book(BOOKS[name][-1], rng)
+        parts = test_parts(book, splits, rng)
+        rates = np.hstack([book.play(name, 0, part, trainings, rng) for part in parts])
+        groups = np.concatenate([book.groups[part] for part in parts])
+        numbers = np.repeat(np.arange(splits), [part.sum() for part in parts])
+        return rate_interval(rates, groups, numbers), book.truth(name, 0)
+
+    return trial
+
+
+def gain_over_splits(names: tuple[str, str], splits: int, trainings: int) -> Trial:
+    """Mean difference of two variants over the same splits, tasks and seeds."""
+
+    def trial(rng: np.random.Generator) -> tuple[tuple[float, float], float]:
+        book = draw_book(BOOKS[names[0]][-1], rng)
+        parts = test_parts(book, splits, rng)
+        gains = [
+            book.play(names[0], 0, part, trainings, rng)
+            - book.play(names[1], 1, part, trainings, rng)
+            for part in parts
+        ]
+        groups = np.concatenate([book.groups[part] for part in parts])
+        numbers = np.repeat(np.arange(splits), [part.sum() for part in parts])
+        estimate, _ = crossed_difference(np.hstack(gains), groups, numbers)
+        return estimate[1:], book.truth(names[0], 0) - book.truth(names[1], 1)
 
     return trial
 
@@ -348,75 +444,101 @@ def of_points(kind: str, _: int, points: int) -> Trial:
 STUDIED = [name for name in SUCCESS if not name.startswith(("finished", "failed"))]
 SINGLE = [name for name in STUDIED if not name.startswith("released")]
 SPEEDS = [4.0, 8.0, 16.0, 32.0]
-SEEDS, NONE = (2, 3, 5), (1,)
-GOALS = (20, 60, 139)
-KINDS: dict[str, tuple[Any, Any, tuple[int, ...], tuple[int, ...]]] = {
-    "success over seeds and tasks": (success, STUDIED, SEEDS, (200, 650)),
-    "the same if one training in five fails, .75 in place of .97": (
-        failing,
-        [("finished, .97", "failed, .75")],
-        SEEDS,
-        (200, 650),
+GOALS = (20, 60, 139, 234)
+"""Numbers of held-out goals; 139 in Little Alchemy 2, 234 in everyday."""
+TASKS = (200, 650)
+ONE_PLAYER: Designs = ((1, 1),)
+ONE_SPLIT: Designs = ((1, 3), (1, 5))
+SPLITS: Designs = ((3, 1), (3, 3), (5, 1))
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of interval.
+
+    Attributes:
+        make: makes a trial from a scenario and two numbers: trainings and tasks, goals or points of
+            a single split, splits and trainings else.
+        scenarios: what the trials differ in.
+        designs: numbers of splits and trainings.
+        sizes: numbers of tasks, goals or points; empty if the scenario has them.
+    """
+
+    make: Callable[..., Trial]
+    scenarios: Sequence[Any]
+    designs: Designs
+    sizes: tuple[int, ...] = ()
+
+    def trials(self, splits: int, trainings: int) -> Iterator[Trial]:
+        """Yield a trial for each scenario and size."""
+        for scenario in self.scenarios:
+            if self.designs is SPLITS:
+                yield self.make(scenario, splits, trainings)
+            else:
+                yield from (self.make(scenario, trainings, size) for size in self.sizes or (1,))
+
+
+KINDS = {
+    "mean success over splits": Kind(over_splits, list(BOOKS), SPLITS),
+    "mean difference over splits": Kind(gain_over_splits, GAINS, SPLITS),
+    "success over trainings and recipes": Kind(success, STUDIED, ONE_SPLIT, TASKS),
+    "difference over trainings and recipes": Kind(difference, PAIRS, ONE_SPLIT, TASKS),
+    "success over trainings and goals": Kind(success_by_goal, STUDIED, ONE_SPLIT, GOALS),
+    "difference over trainings and goals": Kind(difference_by_goal, PAIRS, ONE_SPLIT, GOALS),
+    "success if one training in five fails, .75 in place of .97": Kind(
+        failing, [("finished, .97", "failed, .75")], ONE_SPLIT, TASKS
     ),
-    "difference over seeds and tasks": (difference, PAIRS, SEEDS, (200, 650)),
-    "one figure per training, over seeds": (over_seeds, STUDIED, SEEDS, (650,)),
-    "steps of each training to a level, over seeds": (steps_of_each, SPEEDS, SEEDS, NONE),
-    "steps of the mean curve to a level": (steps_of_mean, [6.0, *SPEEDS[1:]], SEEDS, NONE),
-    "success of one player over tasks": (of_tasks, SINGLE, NONE, (200, 650)),
-    "difference of two players over tasks": (of_players, PAIRS[:3], NONE, (200, 650)),
-    "success over seeds and goals": (success_by_goal, STUDIED, SEEDS, GOALS),
-    "difference over seeds and goals": (difference_by_goal, PAIRS, SEEDS, GOALS),
-    "success of one player over goals": (of_tasks_by_goal, SINGLE, NONE, GOALS),
-    "difference of two players over goals": (of_players_by_goal, PAIRS[:3], NONE, GOALS),
-    "mean over splits (as many as seeds) of a book by goal": (over_splits, SINGLE, (3, 5), (139,)),
-    "MRR of one scorer over recipes": (of_ranks, [2.0, 20.0], NONE, (200, 650)),
-    "correlation over scorers": (of_points, ["pearson", "spearman"], NONE, (14,)),
+    "one figure per training": Kind(over_seeds, STUDIED, ONE_SPLIT, (650,)),
+    "steps of each training to a level": Kind(steps_of_each, SPEEDS, ONE_SPLIT),
+    "steps of the mean curve to a level": Kind(steps_of_mean, [6.0, *SPEEDS[1:]], ONE_SPLIT),
+    "success of one player over recipes": Kind(of_tasks, SINGLE, ONE_PLAYER, TASKS),
+    "difference of two players over recipes": Kind(of_players, PAIRS[:3], ONE_PLAYER, TASKS),
+    "success of one player over goals": Kind(of_tasks_by_goal, SINGLE, ONE_PLAYER, GOALS),
+    "the same by bootstrap, as evaluate-agents has it": Kind(
+        bootstrap_by_goal, SINGLE, ONE_PLAYER, GOALS
+    ),
+    "difference of two players over goals": Kind(of_players_by_goal, PAIRS[:3], ONE_PLAYER, GOALS),
+    "MRR of one scorer over recipes": Kind(of_ranks, [2.0, 20.0], ONE_PLAYER, TASKS),
+    "correlation over scorers": Kind(of_points, ["pearson", "spearman"], ONE_PLAYER, (14,)),
 }
-"""Kinds of intervals: what makes a trial, scenarios, numbers of seeds (1: none) and numbers of
-tasks or points."""
 
 
 def rows(times: int, only: str) -> Iterator[dict[str, Any]]:
-    """Yield the coverage of each kind: the mean over scenarios and numbers of tasks, the lowest and
-    the highest."""
-    for kind, (make, scenarios, seeds, sizes) in KINDS.items():
-        for number in seeds if only in kind else ():
-            found = []
-            for scenario, size in product(scenarios, sizes):
-                trial, rng = make(scenario, number, size), np.random.default_rng(len(found))
-                drawn = [trial(rng) for _ in range(times)]
-                found.append(
-                    float(np.mean([low <= expected <= high for (low, high), expected in drawn]))
-                )
-            figures = {
-                "coverage": float(np.mean(found)),
-                "lowest": min(found),
-                "highest": max(found),
-            }
-            yield {"kind": kind, "seeds": number} | {
-                name: round(value, 3) for name, value in figures.items()
-            }
+    """Yield the coverage of each kind and design: the mean, lowest and highest over scenarios."""
+    for name, kind in KINDS.items():
+        for splits, trainings in kind.designs if only in name else ():
+            shares = []
+            for number, trial in enumerate(kind.trials(splits, trainings)):
+                rng = np.random.default_rng(number)
+                held = 0
+                for _ in range(times):
+                    (low, high), expected = trial(rng)
+                    held += low <= expected <= high
+                shares.append(held / times)
+            figures = {"coverage": np.mean(shares), "lowest": min(shares), "highest": max(shares)}
+            rounded = {key: round(float(value), 3) for key, value in figures.items()}
+            yield {"kind": name, "splits": splits, "trainings": trainings, **rounded}
+
+
+LINE = (
+    "{kind:60s} {splits} x {trainings}: {coverage:.3f}, from {lowest:.3f} to {highest:.3f}".format
+)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--times", type=int, default=2_000)
+    parser.add_argument("--times", type=int, default=1_000)
     parser.add_argument("--only", default="", help="a part of the kind")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    found = []
+    figures = []
     for row in rows(options.times, options.only):
-        found.append(row)
-        print(
-            "{kind:60s} seeds {seeds}: {coverage:.3f}, from {lowest:.3f} to {highest:.3f}".format(
-                **row
-            ),
-            flush=True,
-        )
+        figures.append(row)
+        print(LINE(**row), flush=True)
     if options.json:
-        write_atomically(options.json, "[\n" + ",\n".join(map(json.dumps, found)) + "\n]\n")
+        write_atomically(options.json, "[\n" + ",\n".join(map(json.dumps, figures)) + "\n]\n")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,6 @@ import argparse
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -33,7 +32,7 @@ from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.players import scorer_players
 from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.artefacts import write_atomically
-from wordcraft_kg.base.statistics import paired_difference, split_interval
+from wordcraft_kg.base.statistics import paired_difference, student_interval
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
@@ -287,7 +286,6 @@ def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
             f"{figure} {np.mean([row[figure] for row in same]):.3f} "
             + shown(
                 [row[figure] for row in same],
-                [error_of(row, figure) for row in same],
                 -1.0 if figure.startswith("gain") else 0.0,
             )
             for figure in same[0]
@@ -295,23 +293,10 @@ def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
         )
 
 
-def error_of(row: dict[str, Any], figure: str) -> float:
-    """Return the standard error of a figure within its split: of a gain from its interval, of
-    success as of a rate.
-
-    MRR has none here, so that only the variation between splits counts.
-    """
-    if f"{figure} over tasks" in row:
-        low, high = row[f"{figure} over tasks"]
-        return float((high - low) / (2 * NormalDist().inv_cdf(0.975)))
-    if figure == "mrr" or "tasks" not in row:
-        return 0.0
-    return float((row[figure] * (1 - row[figure]) / row["tasks"]) ** 0.5)
-
-
-def shown(values: list[float], errors: list[float], lowest: float) -> str:
-    ends = split_interval(values, errors, within=(lowest, 1.0))
-    interval = f"[{ends[0]:.3f}, {ends[1]:.3f}] " if len(values) > 1 else ""
+def shown(values: list[float], lowest: float) -> str:
+    """Return the interval over splits, and the value of each."""
+    bounds = student_interval(values, within=(lowest, 1.0))
+    interval = "[{:.3f}, {:.3f}] ".format(*bounds) if bounds else ""
     return interval + "(" + " ".join(f"{value:.3f}" for value in values) + ")"
 
 

@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from split_intervals import split_interval
 
 from wordcraft_kg.base.artefacts import write_atomically
+from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import open_graph
@@ -238,7 +238,6 @@ def rows_of(
                 else []
             )
             tasks = [tasks_of(cell.home) for cell in of]
-            errors = np.sqrt(np.multiply(values, np.subtract(1, values)) / tasks)
             yield {
                 "book": book,
                 "split": kind,
@@ -250,7 +249,7 @@ def rows_of(
                 "success": round(float(np.mean(values)), 4),
                 "values": [round(value, 4) for value in values],
                 "tasks": tasks,
-                "interval": split_interval(values, errors),
+                "interval": student_interval(values),
                 "more_than_no_graph": round(float(np.mean(np.subtract(values, none))), 4),
                 "least_more_than_no_graph": round(float(np.min(np.subtract(values, none))), 4),
             }

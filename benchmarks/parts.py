@@ -6,9 +6,8 @@
 
 For each book, kind of split and split seed the script runs the product's commands in a folder below
 ``--out`` (build-graph, train-complex, train-recipes, train-agent; a finished folder is kept), plays
-all test tasks and keeps each task's success beside the run. The table has the mean over all splits,
-with intervals over what the splits hold out together, crossed with trainings; differences are paired
-by split, task and table.
+all test tasks and keeps each task's success beside the run. The table has the mean over splits with
+intervals for other splits of the same book; differences are paired by split, task and table.
 """
 
 import argparse
@@ -196,23 +195,21 @@ def successes(cell: Cell) -> tuple[dict[str, NDArray[np.float64]], NDArray[np.in
 def summary(cells: list[Cell]) -> Iterator[dict[str, object]]:
     """Yield the table's rows for cells that differ by the split seed alone."""
     tables, groups = zip(*map(successes, cells), strict=True)
-    # Groups of different splits are different groups.
-    offsets = np.cumsum([0, *(part.max() + 1 for part in groups)])
-    joined = np.concatenate(
-        [part + offset for part, offset in zip(groups, offsets[:-1], strict=True)]
-    )
+    joined = np.concatenate(groups)
+    splits = np.repeat(np.arange(len(cells)), [len(part) for part in groups])
     first = cells[0]
     base = {"book": first.book, "split": first.kind, "splits": len(cells), "depth": first.depth}
     base |= {"distractors": first.distractors, "tasks": len(joined)}
     rates = {row: np.concatenate([table[row] for table in tables], axis=1) for row in tables[0]}
     for row, values in rates.items():
-        low, high = rate_interval(values, joined)
-        figures = {"value": values.mean(), "low": low, "high": high}
+        mean = np.mean([table[row].mean() for table in tables])
+        low, high = rate_interval(values, joined, splits)
+        figures = {"value": mean, "low": low, "high": high}
         yield {**base, "row": row, "minus": "", "trainings": len(values), **rounded(figures)}
     for row, reference in PAIRS:
         if row in rates and reference in rates:
             difference = rates[row] - rates[reference]
-            (value, low, high), _ = crossed_difference(difference, joined)
+            (value, low, high), _ = crossed_difference(difference, joined, splits)
             figures = {"value": value, "low": low, "high": high}
             trainings = {"minus": reference, "trainings": len(difference)}
             yield {**base, "row": row, **trainings, **rounded(figures)}

@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from split_intervals import split_interval
 
 from wordcraft_kg.agents.evaluation import play_all
 from wordcraft_kg.agents.players import (
@@ -33,6 +32,7 @@ from wordcraft_kg.agents.players import (
     scorer_players,
 )
 from wordcraft_kg.base.artefacts import write_atomically
+from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
@@ -209,8 +209,8 @@ def shown(row: Mapping[str, Any]) -> str:
     mean, own, other = (
         float(np.mean(row[name])) for name in ("success", "own", "no_train_shortcut")
     )
-    rates = np.array(row["success"])
-    low, high = split_interval(rates, np.sqrt(rates * (1 - rates) / row["tasks"]))
+    # One split says nothing of others.
+    low, high = student_interval(row["success"]) or (0.0, 1.0)
     interval = f"[{low:.3f}, {high:.3f}]"
     return f"{mean:.3f} {interval:16} own {own:.3f}  no train shortcut {other:.3f}"
 

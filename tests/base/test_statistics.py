@@ -3,24 +3,22 @@ and by coverage."""
 
 import itertools
 import math
-
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
-
-from wordcraft_kg.base import ConfigError, statistics
-from wordcraft_kg.base.statistics import (
-    bootstrap,
-    correlation,
-    crossed_difference,
-    finite,
-    holm,
-    paired_difference,
-    rate_interval,
-    student_interval,
-    task_bootstrap,
-    wilson_interval,
-)
+from hypothesis import given
+from hypothesis import strategies as st
+from wordcraft_kg.base import ConfigError
+from wordcraft_kg.base import statistics
+from wordcraft_kg.base.statistics import bootstrap
+from wordcraft_kg.base.statistics import correlation
+from wordcraft_kg.base.statistics import crossed_difference
+from wordcraft_kg.base.statistics import finite
+from wordcraft_kg.base.statistics import holm
+from wordcraft_kg.base.statistics import paired_difference
+from wordcraft_kg.base.statistics import rate_interval
+from wordcraft_kg.base.statistics import student_interval
+from wordcraft_kg.base.statistics import task_bootstrap
+from wordcraft_kg.base.statistics import wilson_interval
 
 TASKS = np.array([[1, 1, 0], [0, 0, 0], [1, 1, 1], [1, 1, 1]])
 
@@ -137,6 +135,15 @@ def test_rates_of_0_and_1_have_the_interval_of_wilson_over_tasks(attempts):
     assert task_bootstrap(np.ones((30, attempts)), pairs) == wilson_interval(15, 15)
 
 
+SPLITS = np.repeat([0, 1, 2], 30)
+
+
+def of_splits(rng):
+    """Three splits that vary three times as much as their tasks say."""
+    shift = rng.normal(0, 0.1, 3)[SPLITS]
+    return crossed_difference(rng.normal(shift, 0.4)[None], None, SPLITS)[0][1:]
+
+
 """Tasks of 80 goals."""
 
 
@@ -231,6 +238,42 @@ def test_alike_seeds_add_nothing_and_one_task_leaves_students_t():
     assert crossed_difference(scores[:, None], None)[0][1:] == pytest.approx(
         student_interval(scores, within=REALS)
     )
+
+
+def test_several_splits_get_students_t_over_their_means():
+    """Tasks of a small split count more, and equal numbers of groups are of different splits."""
+    rng = np.random.default_rng(0)
+    splits = np.repeat([4, 0, 2], [20, 40, 60])
+    groups = np.concatenate([np.arange(size) // 2 for size in (20, 40, 60)])
+    table = rng.normal(0, 0.1, (2, 120)) + np.array([0.0, 0.3, 0.1])[splits // 2]
+    means = [table[:, splits == split].mean() for split in (4, 0, 2)]
+    (value, low, high), p_value = crossed_difference(table, groups, splits)
+    assert value == pytest.approx(np.mean(means))
+    assert (low, high) == pytest.approx(student_interval(means, within=REALS))
+    import scipy.stats
+
+    assert p_value == pytest.approx(scipy.stats.ttest_1samp(means, 0).pvalue)
+    one, _ = crossed_difference(table, groups)
+    assert crossed_difference(table, groups, np.zeros(120, int))[0] == pytest.approx(one)
+
+
+def test_splits_that_are_alike_by_chance_leave_half_the_noise_of_their_tasks():
+    rng = np.random.default_rng(0)
+    noise = rng.normal(0, 0.1, 60)
+    splits = np.repeat([0, 1, 2], 20)
+    groups = np.tile(np.arange(20) // 2, 3)
+    for split in range(3):
+        noise[splits == split] -= noise[splits == split].mean()
+    (_, low, high), p_value = crossed_difference(0.5 + noise[None], groups, splits)
+    (_, task_low, task_high), _ = crossed_difference(0.5 + noise[None], np.arange(60) // 2)
+    assert high - low == pytest.approx((task_high - task_low) / 2)
+    assert 0 < p_value < 1e-9
+    low, high = rate_interval(np.ones((1, 60)), groups, splits)
+    assert (low, high) == pytest.approx(wilson_interval(30, 30))
+    with pytest.raises(ConfigError, match=r"groups of shape \(59,\)"):
+        crossed_difference(noise[None], groups[1:], splits)
+    with pytest.raises(ConfigError, match=r"groups of shape \(59,\)"):
+        rate_interval(noise[None], None, splits[1:])
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.05, -0.3, 0.6])

@@ -15,6 +15,8 @@ from wordcraft_kg.graphs import Entity, Ids, RecipeGraph
 if TYPE_CHECKING:
     import pandas as pd
 
+    from wordcraft_kg.models.recipes.inductive import LabelledScorer
+
 Pair = tuple[int, int]
 Floats = NDArray[np.floating]
 
@@ -76,15 +78,7 @@ class Discoverer(ABC):
         return int(best[self.rng.integers(len(best))])
 
 
-class RandomDiscoverer(Discoverer):
-    """A player that samples both entities uniformly; a pair may repeat."""
-
-    def choose(self) -> Pair:  # noqa: D102
-        first, second = self.rng.integers(len(self.known), size=2).tolist()
-        return self.known[first], self.known[second]
-
-
-class NoRepeatDiscoverer(RandomDiscoverer):
+class NoRepeatDiscoverer(Discoverer):
     """A player that samples uniformly among untried pairs."""
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
@@ -94,9 +88,10 @@ class NoRepeatDiscoverer(RandomDiscoverer):
     def choose(self) -> Pair:  # noqa: D102
         # Terminates: after all known pairs, everything reachable is known and the run is over.
         while True:
-            first, second = super().choose()
-            if (min(first, second), max(first, second)) not in self._tried:
-                return first, second
+            first, second = self.rng.integers(len(self.known), size=2).tolist()
+            pair = (self.known[first], self.known[second])
+            if (min(pair), max(pair)) not in self._tried:
+                return pair
 
     def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
         super().observe(pair, new)
@@ -104,13 +99,14 @@ class NoRepeatDiscoverer(RandomDiscoverer):
 
 
 class WordsDiscoverer(Discoverer):
-    """A player of the untried pair with the most similar labels by GloVe cosine; learns nothing."""
+    """A player of the untried pair with the most similar labels by word cosine; learns nothing."""
 
-    def __init__(self, graph: RecipeGraph):
-        """Read the words in the labels; labels without a word vector have cosine 0 with others."""
-        from wordcraft_kg.models.scorers.features import glove_features
+    def __init__(self, unit_vectors: Floats):
+        """Take the unit vectors of all labels, shape (E, D).
 
-        self._unit = glove_features(graph.entities).unit_vectors
+        Labels without a word vector have cosine 0 with others.
+        """
+        self._unit = unit_vectors
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
         self._untried: dict[Pair, float] = {}
@@ -134,14 +130,17 @@ class WordsDiscoverer(Discoverer):
         super().observe(pair, new)
 
 
-class OracleDiscoverer(Discoverer):
-    """Base class of players that know all recipes.
+class GreedyDiscoverer(Discoverer):
+    """A player that knows all recipes: the measure of all others.
 
-    They choose the pair with the highest summed worth of new results.
+    It chooses the pair with the highest summed worth of new results: an entity's worth is 1 + the
+    number of recipes with the entity as an ingredient.
     """
 
     def __init__(self, graph: RecipeGraph):
+        """Take the graph to explore."""
         self.graph = graph
+        self._worth = 1.0 + graph.use_counts
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
         self.is_known = np.zeros(self.graph.num_entities, dtype=bool)
@@ -156,9 +155,9 @@ class OracleDiscoverer(Discoverer):
         self.is_known[entity] = True
         self._pending.append(self.graph.uses_of(entity))
 
-    @abstractmethod
     def worth(self, entities: Ids) -> Floats:
         """Return how useful it is to make each unknown entity, given ids: positive numbers."""
+        return self._worth[entities]
 
     def choose(self) -> Pair:
         """Return the pair with the highest gain; equal gains are drawn at random.
@@ -190,47 +189,6 @@ class OracleDiscoverer(Discoverer):
         row = int(graph.pair_starts[best])
         first, second, _ = graph.recipes[row].tolist()
         return first, second
-
-
-class GreedyDiscoverer(OracleDiscoverer):
-    """The greedy oracle: worth is 1 + the number of recipes with the entity as an ingredient."""
-
-    def __init__(self, graph: RecipeGraph):
-        super().__init__(graph)
-        self._worth = 1.0 + graph.use_counts
-
-    def worth(self, entities: Ids) -> Floats:  # noqa: D102
-        return self._worth[entities]
-
-
-class EmpowermentDiscoverer(OracleDiscoverer):
-    """The oracle of empowerment: worth counts the new entities that an entity makes possible.
-
-    ``worth(c) = 1 + #{d not known : {c, x} makes d for some known x}``: c plus the distinct new
-    entities within reach.
-
-    Source: Brändle et al. 2023, who count all entities made with c. Here only new entities with a
-    known second ingredient count, so worth falls as exploration proceeds.
-    """
-
-    def worth(self, entities: Ids) -> Floats:  # noqa: D102
-        distinct, position = np.unique(entities, return_inverse=True)
-        uses = [self.graph.uses_of(entity) for entity in distinct.tolist()]
-        # The recipes of all wanted entities in one array; index tells whose recipe each one is.
-        numbers = [len(rows) for rows in uses]
-        index = np.repeat(np.arange(len(distinct)), numbers)
-        recipes = self.graph.recipes[np.concatenate(uses)]
-        a, b, result = recipes.T
-        # a + b minus the wanted entity is the other ingredient, whichever of the two it is.
-        partners = a + b - distinct[index]
-        counts = self.is_known[partners] & ~self.is_known[result]
-        size = self.graph.num_entities
-        # A pair (entity, result) as one number: several recipes for a result count once.
-        codes = index[counts] * size + result[counts]
-        products = np.unique(codes)
-        within_reach = np.bincount(products // size, minlength=len(distinct))
-        values = 1.0 + within_reach
-        return values[position]
 
 
 class BookDiscoverer(Discoverer):
@@ -310,11 +268,9 @@ class BookDiscoverer(Discoverer):
 
 
 DISCOVERERS = {
-    "random": "any pair",
     "random-no-repeat": "any untried pair",
     "nearest-words": "untried pair with the most similar labels",
     "greedy": "knows the graph: results with the most uses",
-    "empowerment": "knows the graph: results that make the most new entities",
     "recipe-learner": (
         "guided by a recipe scorer of any book: likely and useful new results; "
         "learns from its attempts"
@@ -325,6 +281,8 @@ DISCOVERERS = {
     ),
 }
 """Short descriptions of the players, by name."""
+ORACLE = "greedy"
+"""The player that knows the world, and is the measure of all others."""
 GUIDED = ("recipe-learner", "book-votes")
 """Players that need a trained model or another book."""
 
@@ -332,7 +290,7 @@ GUIDED = ("recipe-learner", "book-votes")
 def make_discoverers(
     names: Iterable[str],
     graph: RecipeGraph,
-    learner: Discoverer | None = None,
+    recipes: "LabelledScorer | None" = None,
     book: RecipeGraph | None = None,
 ) -> dict[str, Discoverer]:
     """Make players for open-ended play.
@@ -340,7 +298,8 @@ def make_discoverers(
     Args:
         names: names in :data:`DISCOVERERS`.
         graph: the graph to explore.
-        learner: the player ``recipe-learner``; None without it.
+        recipes: scorer that guides ``recipe-learner``, whose word vectors ``nearest-words`` has,
+            too; None for GloVe vectors, without ``recipe-learner``.
         book: recipes that guide ``book-votes``; None without this player.
 
     Returns:
@@ -350,14 +309,14 @@ def make_discoverers(
         ConfigError: for an unknown name, or a missing scorer or book.
     """
     makers: dict[str, Callable[[], Discoverer]] = {
-        "random": RandomDiscoverer,
         "random-no-repeat": NoRepeatDiscoverer,
-        "nearest-words": lambda: WordsDiscoverer(graph),
+        "nearest-words": lambda: WordsDiscoverer(_unit_vectors(graph, recipes)),
         "greedy": lambda: GreedyDiscoverer(graph),
-        "empowerment": lambda: EmpowermentDiscoverer(graph),
     }
-    if learner is not None:
-        makers["recipe-learner"] = lambda: learner
+    if recipes is not None:
+        from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
+
+        makers["recipe-learner"] = lambda: RecipeDiscoverer(recipes)
     if book is not None:
         makers["book-votes"] = lambda: BookDiscoverer(graph, book)
     players = {}
@@ -374,6 +333,16 @@ def make_discoverers(
     return players
 
 
+def _unit_vectors(graph: RecipeGraph, recipes: "LabelledScorer | None") -> Floats:
+    """Return the word vectors of a recipe scorer, or GloVe vectors without one or its words."""
+    if recipes is not None and recipes.scorer.knowledge.vectors.shape[1]:
+        vectors = recipes.scorer.knowledge.vectors[recipes.rows]
+        return vectors.float().cpu().numpy()
+    from wordcraft_kg.models.scorers.features import glove_features
+
+    return glove_features(graph.entities).unit_vectors
+
+
 class Plays(NamedTuple):
     """All runs of several players in one world.
 
@@ -381,20 +350,18 @@ class Plays(NamedTuple):
         players: names of the P players.
         known: number of known entities after each attempt, 0 (the base) first, shape (P, runs,
             attempts + 1).
-        repeated: whether the attempt's pair was tried earlier in the run, same shape, bool.
         learnt: attempt at which each entity became known, shape (P, runs, E), int32; 0 for the base
             and :data:`NEVER` for entities that stayed unknown.
     """
 
     players: tuple[str, ...]
     known: NDArray[np.int64]
-    repeated: NDArray[np.bool_]
     learnt: NDArray[np.int32]
 
     def frame(self) -> "pd.DataFrame":
-        """Return curves: a row per player, run and attempt, 0 to the last, of both numbers.
+        """Return curves: a row per player, run and attempt, 0 to the last.
 
-        Columns are ``player``, ``run``, ``attempt``, ``known`` and ``repeated``.
+        Columns are ``player``, ``run``, ``attempt`` and ``known``.
         """
         import pandas as pd
 
@@ -402,9 +369,7 @@ class Plays(NamedTuple):
         index = pd.MultiIndex.from_product(
             [list(self.players), range(runs), range(marks)], names=["player", "run", "attempt"]
         )
-        return pd.DataFrame(
-            {"known": self.known.ravel(), "repeated": self.repeated.ravel()}, index=index
-        ).reset_index()
+        return pd.DataFrame({"known": self.known.ravel()}, index=index).reset_index()
 
 
 def play_runs(
@@ -447,7 +412,6 @@ def play_runs(
     game = Discovery(graph, base)
     shape = (len(players), runs, attempts + 1)
     known_counts = np.zeros(shape, dtype=np.int64)
-    repeated = np.zeros(shape, dtype=bool)
     learnt = np.full((len(players), runs, graph.num_entities), NEVER, dtype=np.int32)
     learnt[:, :, list(game.base)] = 0
     for number, (name, player) in enumerate(players.items()):
@@ -457,14 +421,14 @@ def play_runs(
             known_counts[number, run] = len(game.base)
             for attempt in range(1, attempts + 1):
                 pair = player.choose()
-                new, repeated[number, run, attempt] = game.combine(*pair)
+                new, _ = game.combine(*pair)
                 player.observe(pair, new)
                 learnt[number, run, list(new)] = attempt
                 # To the end, so that a run that stops early keeps its count.
                 known_counts[number, run, attempt:] = len(game.known)
                 if game.is_complete:
                     break
-    return Plays(tuple(players), known_counts, repeated, learnt)
+    return Plays(tuple(players), known_counts, learnt)
 
 
 def summarise_curves(
@@ -479,22 +443,15 @@ def summarise_curves(
 
     Returns:
         A table with a row per player and number of attempts, in the order of ``curves``: ``mean``
-        over runs, ``low`` and ``high`` of the 95 % interval (normal approximation; NaN for a single
-        run), and ``repeated``, the share of attempts that repeat a pair.
+        over runs, and ``low`` and ``high`` of the 95 % interval (normal approximation; NaN for a
+        single run).
     """
     last = int(curves["attempt"].max())
     attempts = {mark for mark in marks if mark <= last} | {last}
-    # Repeated attempts so far, in each run.
-    runs = curves.groupby(["player", "run"], sort=False)
-    so_far = curves.assign(repeated=runs["repeated"].cumsum())
-    is_chosen = so_far["attempt"].isin(sorted(attempts))
-    groups = so_far[is_chosen].groupby(["player", "attempt"], sort=False)
-    table = groups.agg(
-        mean=("known", "mean"), error=("known", "sem"), repeated=("repeated", "mean")
-    ).reset_index()
+    is_chosen = curves["attempt"].isin(sorted(attempts))
+    groups = curves[is_chosen].groupby(["player", "attempt"], sort=False)
+    table = groups.agg(mean=("known", "mean"), error=("known", "sem")).reset_index()
     margin = 1.96 * table.pop("error")
-    table.insert(3, "low", table["mean"] - margin)
-    table.insert(4, "high", table["mean"] + margin)
-    # The start has no attempt, and no repeated one.
-    table["repeated"] /= table["attempt"].clip(lower=1)
+    table["low"] = table["mean"] - margin
+    table["high"] = table["mean"] + margin
     return table

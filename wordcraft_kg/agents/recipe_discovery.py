@@ -1,7 +1,6 @@
 """A player for open-ended play that knows another book's recipes, and learns from its attempts."""
 
 from collections.abc import Sequence
-from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -50,8 +49,7 @@ Everything may depend on one entity.
 DOUBT = 2.0
 """How much a candidate result loses by failed attempts, in nats for a factor e of failures.
 
-Chosen on the worlds 0 to 7 of ``everyday`` with a scorer of Little Alchemy 2, by the area under the
-curve; ``docs/evidence/worlds.md`` has results with and without it.
+Chosen on worlds of ``everyday`` with a scorer of Little Alchemy 2, by the area under the curve.
 """
 # Results by componentOf scores, of which the CANDIDATES best by recipe scores are kept.
 _LIKELY = 64
@@ -96,14 +94,8 @@ class RecipeDiscoverer(Discoverer):
     book alone.
     """
 
-    def __init__(self, labelled: LabelledScorer, doubt: float = DOUBT):
-        """Take a recipe scorer.
-
-        Args:
-            labelled: a recipe scorer that describes the labels of all entities.
-            doubt: see :data:`DOUBT`.
-        """
-        self._doubt = doubt
+    def __init__(self, labelled: LabelledScorer):
+        """Take a recipe scorer that describes the labels of all entities."""
         self._scorer, self._own, self._rows = labelled
         self._knowledge = self._scorer.knowledge
         self._uses = self._knowledge.log_uses().double().numpy()
@@ -113,12 +105,6 @@ class RecipeDiscoverer(Discoverer):
         # Two columns: mean and variance of each weight.
         prior = np.array(list(PRIOR.values()))
         self._mean, self._variance = prior.T
-
-    def variant(self, doubt: float) -> "RecipeDiscoverer":
-        """Return a player with another doubt; both share the scores of pairs, which take long."""
-        player = copy(self)
-        player._doubt = doubt
-        return player
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
         self._pairs = np.empty((0, 2), dtype=np.int64)
@@ -197,7 +183,7 @@ class RecipeDiscoverer(Discoverer):
     def _scores_of_new(self) -> Floats:
         """Return the scores of the results of P waiting pairs as new entities, (P, width)."""
         # A result that was expected in vain is less likely with every pair.
-        doubt = self._doubt * np.log1p(self._failures)
+        doubt = DOUBT * np.log1p(self._failures)
         doubted = self._scores - doubt[self._results]
         # A known result is nothing new; -inf would make a pair without other candidates undefined.
         is_known = self._is_known[self._results]

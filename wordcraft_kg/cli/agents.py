@@ -377,8 +377,8 @@ def discover(  # noqa: PLR0913 - parameters are the command's options
     Args:
         attempts: combinations for each run.
         runs: runs for each player.
-        players: comma-separated: random, random-no-repeat, nearest-words (similar labels), greedy,
-            empowerment (both know the graph), recipe-learner (guided by --scorer), book-votes
+        players: comma-separated: random-no-repeat, nearest-words (similar labels, by the vectors of
+            --scorer), greedy (knows the graph), recipe-learner (guided by --scorer), book-votes
             (guided by --book). Default: all that --scorer and --book allow, without nearest-words.
         scorer: model folder of train-recipes, on this book or another one.
         book: another book whose recipes guide book-votes.
@@ -426,12 +426,9 @@ def _cell(known: "KnownEntities") -> str:
 def _rows(view: "DiscoveryView") -> list[tuple[str, ...]]:
     """Return the table: a row for each player, and one for people."""
     marks = [str(mark) for mark in view.marks]
-    rows: list[tuple[str, ...]] = [("entities known after", *marks, "repeated")]
+    rows: list[tuple[str, ...]] = [("entities known after", *marks)]
     for name, known in view.players.items():
-        cells = map(_cell, known.values())
-        # Repetitions are counted over whole runs, so the last mark has them all.
-        repeated = known[marks[-1]].repeated
-        rows.append((name, *cells, f"{repeated:.1%}"))
+        rows.append((name, *map(_cell, known.values())))
     means = []
     for mark in marks:
         mean = view.people.get(mark)

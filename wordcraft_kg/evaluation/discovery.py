@@ -12,7 +12,7 @@ from wordcraft_kg.agents.discovery import (
     play_runs,
     summarise_curves,
 )
-from wordcraft_kg.base import ConfigError, Count, Hash, Record, Share
+from wordcraft_kg.base import ConfigError, Count, Hash, Record
 from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.graphs import RecipeGraph, is_in
 
@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from wordcraft_kg.models.recipes.inductive import LabelledScorer
-
-ORACLES = ("greedy", "empowerment")
-"""Players that know the world; the better one is the measure of all others."""
 
 
 class Guide(NamedTuple):
@@ -81,13 +78,11 @@ class KnownEntities(Record):
     Attributes:
         mean: mean over runs.
         low, high: 95 % interval over runs; None for a single run.
-        repeated: share of the attempts so far that repeated a pair.
     """
 
     mean: float
     low: float | None
     high: float | None
-    repeated: Share
 
 
 class DiscoveryView(Record, omit_defaults=True):
@@ -152,7 +147,7 @@ def view_discovery(
         runs: number of runs of each player.
         seed: root seed of all random choices.
         base: labels known at the start; None for the graph's base.
-        scorer: guide of ``recipe-learner``; None without this player.
+        scorer: guide of ``recipe-learner``, and vectors of ``nearest-words``; None without.
         book: recipes that guide ``book-votes``; None without this player.
 
     Returns:
@@ -164,12 +159,8 @@ def view_discovery(
     """
     # Checks the base before any player is prepared.
     start = Discovery(graph, base)
-    learner = None
-    if scorer is not None:
-        from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
-
-        learner = RecipeDiscoverer(scorer.recipes)
-    discoverers = make_discoverers(players, graph, learner, book)
+    recipes = None if scorer is None else scorer.recipes
+    discoverers = make_discoverers(players, graph, recipes, book)
     plays = play_runs(graph, discoverers, attempts, runs, seed, start.base)
     table = summarise_curves(plays.frame())
     return DiscoveryView(
@@ -195,14 +186,13 @@ def view_discovery(
 
 def _known(table: "pd.DataFrame") -> dict[str, KnownEntities]:
     known_by_attempt = {}
-    columns = [table[name].tolist() for name in ("attempt", "mean", "low", "high", "repeated")]
-    for attempt, mean, low, high, repeated in zip(*columns, strict=True):
+    columns = [table[name].tolist() for name in ("attempt", "mean", "low", "high")]
+    for attempt, mean, low, high in zip(*columns, strict=True):
         # A single run has NaN for an interval, and JSON has no NaN.
         has_interval = not math.isnan(low)
         known_by_attempt[str(attempt)] = KnownEntities(
             mean=mean,
             low=low if has_interval else None,
             high=high if has_interval else None,
-            repeated=repeated,
         )
     return known_by_attempt

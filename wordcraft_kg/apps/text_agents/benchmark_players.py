@@ -58,7 +58,7 @@ _TRAINED_ON = {
     "full": "all recipes of this book, including the test tasks",
 }
 _SCRIPTED = {
-    "random": ("random", "random"),
+    "random": ("random", "random-no-repeat"),
     "nearest-words": ("nearest words (glove)", "nearest-words"),
     "votes": ("partial KG, votes", ""),
     "graph": ("partial KG, u+v", ""),

@@ -128,6 +128,8 @@ class Study(Record, omit_defaults=True):
         source: publication and place of the comparison, such as a figure of the paper.
         seeds: trainings per variant and grid point, with seeds from 0; scorers without a seed use
             the agent's seed.
+        vary_split: whether each training also has its own split, with the training's seed as
+            ``split_seed``, so that means and intervals are about splits of the book.
         drawing: kind of picture.
         reference: the variant that all variants are compared with. Default: the first.
         settings: settings of all trainings; variants and the grid override them.
@@ -152,6 +154,7 @@ class Study(Record, omit_defaults=True):
     about: str = ""
     source: str = ""
     seeds: int = 5
+    vary_split: bool = False
     drawing: Drawing = "curves"
     reference: str = ""
     settings: Values = msgspec.field(default_factory=dict)
@@ -295,6 +298,12 @@ def check_study(study: Study, source: str = "study") -> None:
             f"{', '.join(study.variants)}."
             f"{nearest(study.reference, study.variants)}"
         )
+    tables = [study.settings, study.grid, *study.points, *study.variants.values()]
+    if study.vary_split and any("split_seed" in table for table in tables):
+        raise ConfigError(
+            f"{source}: `split_seed` is set, but with `vary_split` it is the seed of each training; "
+            "remove one of the two."
+        )
     _check_scorers(study, source)
     _check_settings(study, source)
     _check_grid(study, source)
@@ -437,7 +446,8 @@ def cells_of(study: Study) -> list[StudyCell]:
                 for key in unused:
                     del merged[key]
             for seed in range(study.seeds):
-                cells.append(StudyCell(name, values, seed, merged))
+                split = {"split_seed": seed} if study.vary_split else {}
+                cells.append(StudyCell(name, values, seed, {**merged, **split}))
     return cells
 
 

@@ -76,4 +76,4 @@ def three_train_fractions():
         for share, won in rows.items()
     ]
     mrr = {f"{name}@{i}": 0.1 * (i + 1) for i in range(3) for name in ("folds", "memory")}
-    return fabricate(points, mrr=mrr, drawing="scatter", settings={"memory": {"in_sample": True}})
+    return fabricate(points, mrr=mrr, settings={"memory": {"in_sample": True}})

@@ -224,60 +224,6 @@ def test_steps_to_the_references_end_are_of_the_mean_curve():
     assert of(view, "no graph").reached_interval[1] == 20
 
 
-def test_dose_response_is_apart_for_each_way_of_scoring_train_tasks():
-    folds, memory = view_study(three_train_fractions()).scatters
-    assert (folds.in_sample, memory.in_sample) == (False, True)
-    assert [(at.label, at.mrr, at.success) for at in folds.points] == [
-        ("train_fraction 0.2", pytest.approx(0.105), pytest.approx(0.2)),
-        ("train_fraction 0.5", pytest.approx(0.205), pytest.approx(0.5)),
-        ("train_fraction 1", pytest.approx(0.305), pytest.approx(0.7)),
-    ]
-    assert folds.points[0].mrr_range == pytest.approx((0.1, 0.11))
-    assert folds.pearson.value == pytest.approx(np.corrcoef([1, 2, 3], [0.2, 0.5, 0.7])[0, 1])
-    assert folds.spearman.value == pytest.approx(1)
-    assert memory.pearson is None  # success does not vary
-    assert folds.steps_spearman is None
-    assert folds.without == pytest.approx(0.1)
-
-
-def test_steps_are_correlated_with_never_as_the_latest():
-    points = [({"distractors": 8}, {"no graph": ["50000"], **{name: ["55000"] for name in "abc"}})]
-    curves = {
-        "no graph": [[(10, 0.1), (20, 0.5)]],
-        "a": [[(10, 0.1), (20, 0.2)]],
-        "b": [[(10, 0.1), (20, 0.6)]],
-        "c": [[(10, 0.6), (20, 0.6)]],
-    }
-    mrr = {"a": 0.1, "b": 0.2, "c": 0.3}
-    (scatter,) = view_study(fabricate(points, mrr=mrr, curves=curves, drawing="scatter")).scatters
-    assert [at.reached for at in scatter.points] == [
-        None,
-        18,
-        10,
-    ]  # b: three quarters of the way from 10 to 20
-    assert scatter.steps_spearman.value == pytest.approx(-1)
-
-
-@pytest.mark.parametrize(
-    ("values", "label"),
-    [
-        ({"scorer.train_fraction": 0.1, "scorer.label_noise": 0.0}, "train_fraction 0.1"),
-        ({"scorer.train_fraction": 1.0, "scorer.label_noise": 0.3}, "label_noise 0.3"),
-        ({"scorer.train_fraction": 1.0, "scorer.label_noise": 0.0}, "train_fraction 1"),
-        (
-            {"scorer.train_fraction": 0.5, "scorer.label_noise": 0.1},
-            "train_fraction 0.5, label_noise 0.1",
-        ),
-        ({}, "a"),
-    ],
-)
-def test_a_dose_is_labelled_by_what_is_not_whole(values, label):
-    (scatter,) = view_study(
-        fabricate([(values, {"a": NO_GRAPH})], mrr={"a": 0.1}, drawing="scatter")
-    ).scatters
-    assert scatter.points[0].label == label
-
-
 def test_a_view_places_values_and_equal_results_alike():
     """A view has a place for each of its values and equal results have equal ones."""
     view = view_study(three_train_fractions())

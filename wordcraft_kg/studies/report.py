@@ -11,14 +11,12 @@ import pandas as pd
 
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.reports import charts
-from wordcraft_kg.reports.charts import Chart, Estimate
+from wordcraft_kg.reports.charts import Chart
 from wordcraft_kg.reports.pages import Report, write_report
 from wordcraft_kg.studies.claims import ClaimVerdict, in_words
 from wordcraft_kg.studies.view import (
-    Correlation,
     Interval,
     PointMetrics,
-    ScorerScatter,
     StudyView,
     VariantMetrics,
     title_of,
@@ -335,7 +333,6 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
             "tables": tables_of(view),
             "notes": notes(view),
             "counted": counted,
-            "correlation": _correlation,
             "title": title_of,
             "words": in_words,
             "claims": claims,
@@ -348,26 +345,13 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
     )
 
 
-def _correlation(of: Correlation | None) -> str:
-    """Format a correlation with its interval; a dash without one."""
-    return with_bounds(of.value, (of.low, of.high), ".2f") if of else "–"
-
-
 def study_figure(view: StudyView) -> str:
     """Return a study's picture as the text of an SVG file, with a chart for each grid point."""
     return charts.as_file(list(panels_of(view).items()), view.title)
 
 
 def panels_of(view: StudyView) -> dict[str, Chart]:
-    """Return a chart for each grid point, by caption.
-
-    A "scatter" study has a single chart for all scorer settings.
-    """
-    if view.drawing == "scatter" and view.scatters:
-        by_title: dict[str, list[ScorerScatter]] = {}
-        for scatter in view.scatters:
-            by_title.setdefault(title_of(scatter.values), []).append(scatter)
-        return {title: _scatter(view, scatters) for title, scatters in by_title.items()}
+    """Return a chart for each grid point, by caption."""
     panels = {}
     for point in view.points:
         has_curves = any(len(entry.curve) > 1 for entry in point.variants)
@@ -411,31 +395,4 @@ def _bars(view: StudyView, point: PointMetrics) -> Chart:
         f"Success of each variant, {point.title}",
         reference=reference,
         percent=True,
-    )
-
-
-def _scatter(view: StudyView, scatters: list[ScorerScatter]) -> Chart:
-    """Draw the success of agents by the MRR of their scorers, and that of one without a scorer."""
-    # Labels name the variants only if a chart has agents of several.
-    has_several = False
-    for scatter in scatters:
-        agents = {at.variant for at in scatter.points}
-        has_several = has_several or len(agents) > 1
-    series: dict[str, list[tuple[str, Estimate, Estimate]]] = {}
-    for scatter in scatters:
-        scoring = "in-sample" if scatter.in_sample else "cross-fitted"
-        for at in scatter.points:
-            # One agent alone needs no name: what then tells points apart is how train tasks are
-            # scored.
-            name = at.variant if has_several else scoring
-            mrr: Estimate = (at.mrr, *at.mrr_range)
-            success: Estimate = (at.success, *at.interval)
-            series.setdefault(name, []).append((at.label, mrr, success))
-    without = next((scatter.without for scatter in scatters if scatter.without is not None), None)
-    return charts.scatter(
-        series,
-        "leak-free MRR of the scorer on test triples",
-        _SUCCESS,
-        "Success by the MRR of the scorer",
-        level=None if without is None else (view.reference, without),
     )

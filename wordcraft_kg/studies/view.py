@@ -4,7 +4,7 @@ It has means, intervals, differences to the reference, and success by scorer MRR
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import msgspec
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from wordcraft_kg.base import ConfigError, Count, Record, Share
 from wordcraft_kg.base.statistics import (
     FEWEST_PAIRS,
-    correlation,
     crossed_difference,
     holm,
     rate_interval,
@@ -25,7 +24,7 @@ from wordcraft_kg.evaluation.agent_metrics import CurvePoint
 from wordcraft_kg.graphs.folder import PlayedGraph
 from wordcraft_kg.studies.claims import ClaimVerdict, view_claims
 from wordcraft_kg.studies.results import Missing, Origin, RunResult, StudyResults, steps_to
-from wordcraft_kg.studies.study import SCORER, Drawing, Value, Values
+from wordcraft_kg.studies.study import Drawing, Value, Values
 
 Interval = tuple[float, float]
 """Lower and upper end."""
@@ -254,176 +253,6 @@ def _reached(
     return reached, (first(high), first(low))
 
 
-_EVERYTHING: Values = {"train_fraction": 1, "label_noise": 0}
-"""Settings for a scorer trained on all recipes without noise."""
-
-
-class Correlation(Record, array_like=True):
-    """A correlation coefficient over the points of a plot.
-
-    Attributes:
-        value: coefficient, -1 to 1.
-        low: lower end of its 95 % interval over the points.
-        high: upper end.
-    """
-
-    value: float
-    low: float
-    high: float
-
-
-class ScatterPoint(Record):
-    """Success of an agent (a variant) and MRR of its scorer, as in :class:`VariantMetrics`.
-
-    Attributes:
-        label: the scorer settings that distinguish the point, else the variant.
-        variant: name of the variant.
-        mrr: mean MRR of the scorers.
-        mrr_range: least and greatest MRR.
-        success: mean success on test tasks.
-        interval: 95 % interval of ``success`` over seeds and groups of tasks.
-        reached: steps to the reference's final success; None for never.
-    """
-
-    label: str
-    variant: str
-    mrr: Share
-    mrr_range: Interval
-    success: Share
-    interval: Interval
-    reached: Count | None
-
-
-class ScorerScatter(Record):
-    """Agents' success against their scorers' MRR, with all further settings equal.
-
-    Attributes:
-        values: these further grid settings.
-        in_sample: whether train tasks have scores from a scorer trained on the same recipes.
-        points: a point for each agent and scorer setting, by ascending MRR.
-        pearson: correlation of MRR and success; None for fewer than three points.
-        spearman: rank correlation of MRR and success, or None.
-        steps_spearman: rank correlation of MRR and the steps to the reference's success; "not
-            reached" is latest.
-        without: success of the reference agent, if it has no scorer.
-    """
-
-    values: Values
-    in_sample: bool
-    points: tuple[ScatterPoint, ...]
-    pearson: Correlation | None
-    spearman: Correlation | None
-    steps_spearman: Correlation | None
-    without: Share | None
-
-
-def scatters_of(
-    results: StudyResults,
-    points: Sequence[PointMetrics],
-    reference: str,
-) -> Iterator[ScorerScatter]:
-    """Yield a plot for each combination of settings other than the scorer's.
-
-    In-sample scores are apart.
-
-    Args:
-        results: the study, for the settings of its variants.
-        points: results of all grid points; variants without MRR are left out.
-        reference: name of the reference variant.
-    """
-    groups: dict[bytes, list[tuple[PointMetrics, VariantMetrics]]] = {}
-    for point in points:
-        for entry in point.variants:
-            if entry.mrr is None:
-                continue
-            # In-sample scores are better on train tasks than on test tasks: their MRR means less.
-            described = (_others(point), _is_in_sample(results, point, entry))
-            key = msgspec.json.encode(described, order="sorted")
-            groups.setdefault(key, []).append((point, entry))
-    for members in groups.values():
-        rows = [_scatter_point(point, entry) for point, entry in members]
-        bare: list[float] = []
-        for point, _ in members:
-            for at in point.variants:
-                if at.variant == reference and at.mrr is None:
-                    bare.append(at.mean)
-        mrr = [at.mrr for at in rows]
-        success = [at.success for at in rows]
-        # One step after the latest arrival: ranks need an order, not a duration.
-        never = 1 + max(at.reached or 0 for at in rows)
-        reached = [never if at.reached is None else at.reached for at in rows]
-        first_point, first_entry = members[0]
-        yield ScorerScatter(
-            values=_others(first_point),
-            in_sample=_is_in_sample(results, first_point, first_entry),
-            points=tuple(sorted(rows, key=lambda at: (at.mrr, at.label))),
-            pearson=_correlation(mrr, success, "pearson"),
-            spearman=_correlation(mrr, success, "spearman"),
-            steps_spearman=_correlation(mrr, reached, "spearman"),
-            without=mean_of(bare) if bare else None,
-        )
-
-
-def _others(point: PointMetrics) -> Values:
-    """Return a point's settings without those of the scorer."""
-    prefix = f"{SCORER}."
-    return {name: value for name, value in point.values.items() if not name.startswith(prefix)}
-
-
-def _is_in_sample(results: StudyResults, point: PointMetrics, entry: VariantMetrics) -> bool:
-    settings = {
-        **results.study.settings,
-        **point.values,
-        **results.study.variants.get(entry.variant, {}),
-    }
-    return settings.get("in_sample") is True
-
-
-def _scatter_point(point: PointMetrics, at: VariantMetrics) -> ScatterPoint:
-    assert at.mrr is not None
-    assert at.mrr_range is not None
-    return ScatterPoint(
-        label=_label(point, at.variant),
-        variant=at.variant,
-        mrr=at.mrr,
-        mrr_range=at.mrr_range,
-        success=at.mean,
-        interval=at.interval,
-        reached=at.reached,
-    )
-
-
-def _correlation(
-    x: Sequence[float],
-    y: Sequence[float],
-    kind: Literal["pearson", "spearman"],
-) -> Correlation | None:
-    estimate = correlation(x, y, kind)
-    return Correlation(*estimate) if estimate else None
-
-
-def _label(point: PointMetrics, variant: str) -> str:
-    """Return the scorer settings that are not at full training data.
-
-    Without any, the first setting, or else the variant.
-    """
-    prefix = f"{SCORER}."
-    values = {}
-    for name, value in point.values.items():
-        if name.startswith(prefix):
-            values[name.removeprefix(prefix)] = value
-    # Settings at their full value do not distinguish points; a point with all of them needs a
-    # label, too.
-    differing = [name for name in values if values[name] != _EVERYTHING.get(name)]
-    first = list(values)[:1]
-    shown: list[str] = []
-    for name in differing or first:
-        value = values[name]
-        text = f"{value:g}" if isinstance(value, float) else str(value)
-        shown.append(f"{name} {text}")
-    return ", ".join(shown) or variant
-
-
 class StudyView(Record):
     """All numbers in a study report (``report.json``).
 
@@ -437,7 +266,6 @@ class StudyView(Record):
         drawing: kind of picture.
         reference: the variant that all others are compared with.
         points: results at each grid point that has runs, in the order of the runs.
-        scatters: success by the scorers' MRR; empty unless ``drawing`` is "scatter".
         comparisons: number of comparisons with a p-value; Holm's correction is over these.
         claims: the study's claims with their verdicts.
         missing: trainings without results, with reasons.
@@ -455,7 +283,6 @@ class StudyView(Record):
     drawing: Drawing
     reference: str
     points: Annotated[tuple[PointMetrics, ...], msgspec.Meta(min_length=1)]
-    scatters: tuple[ScorerScatter, ...]
     comparisons: Count
     claims: tuple[ClaimVerdict, ...]
     missing: tuple[Missing, ...]
@@ -479,7 +306,6 @@ def view_study(results: StudyResults) -> StudyView:
     reference = study.reference or next(iter(study.variants))
     points = [_point(results, values, runs, reference) for values, runs in _cells(results)]
     points = _corrected(points)
-    is_scatter = study.drawing == "scatter"
     return StudyView(
         format="wordcraft-kg study report 1",
         name=results.name,
@@ -490,7 +316,6 @@ def view_study(results: StudyResults) -> StudyView:
         drawing=study.drawing,
         reference=reference,
         points=tuple(points),
-        scatters=tuple(scatters_of(results, points, reference)) if is_scatter else (),
         comparisons=len(_p_values(points)),
         claims=view_claims(results),
         missing=results.missing,

@@ -36,7 +36,6 @@ from wordcraft_kg.studies.results import (
     read_metrics,
     write_metrics,
 )
-
 from wordcraft_kg.studies.study import PLAYER
 
 if TYPE_CHECKING:
@@ -250,7 +249,7 @@ def _play(task: Task, root: Path) -> bool:
     result = evaluator(player)
     figures = RunMetrics(
         seconds=round(time.perf_counter() - began, 3),
-        versions=package_versions(),
+        versions=dict(package_versions()),
         platform=platform_of(task.device),
         graph=PlayedGraph.of(opened),
         success={"test": float(result.success.mean())},

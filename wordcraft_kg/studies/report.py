@@ -143,10 +143,15 @@ _COLUMNS: tuple[_Column, ...] = (
 
 def notes(view: StudyView) -> list[str]:
     """Return sentences that explain the columns of :func:`tables_of`."""
+    about_intervals = (
+        "over seeds and tasks, that is, for other such tasks too, and over seeds alone (Student's "
+        "t), for these tasks"
+    )
+    if view.vary_split:
+        about_intervals = "over splits, of which each training has its own"
     sentences = [
         "Success: share of episodes on test tasks in which the greedy agent makes the goal, with "
-        "95 % intervals: over seeds and tasks, that is, for other such tasks too, and over seeds "
-        "alone (Student's t), for these tasks."
+        f"95 % intervals: {about_intervals}."
     ]
     entries = _entries(view)
     if any(entry.comparison for entry in entries):
@@ -155,7 +160,7 @@ def notes(view: StudyView) -> list[str]:
             corrected = f"; corrected by Holm for {counted(view.comparisons, 'comparison')}"
         sentences += [
             f"Differences are to {view.reference}, paired by seed and task, with intervals over "
-            "both.",
+            f"{view.resampled}.",
             "Reached after: environment steps until the mean learning curve reaches where that of "
             f"{view.reference} ends, with the interval over seeds.",
             "p: of no difference, the level at which the interval of the difference reaches 0, "
@@ -231,7 +236,7 @@ def lines_of(view: StudyView) -> Iterator[str]:
     yield f"{view.title}: success on test tasks"
     for point in view.points:
         yield from _lines_of_point(point)
-    yield f"intervals: 95 % over seeds and tasks{_compared(view)}"
+    yield f"intervals: 95 % over {view.resampled}{_compared(view)}"
     yield from _lines_of_claims(view.claims)
     if view.missing:
         first = view.missing[0]
@@ -367,15 +372,22 @@ def _curves(view: StudyView, point: PointMetrics) -> Chart:
     for at in view.points:
         for entry in at.variants:
             colours.setdefault(entry.variant, len(colours))
-    series = {}
+    series: dict[str, list[tuple[int, float, float | None, float | None]]] = {}
+    last_step = max(at.step for entry in point.variants for at in entry.curve)
+    without_curve = []
     for entry in sorted(point.variants, key=lambda entry: colours[entry.variant]):
         series[entry.variant] = [(at.step, at.success, at.low, at.high) for at in entry.curve]
+        # A player without training is a level from the first step to the last.
+        if not entry.curve:
+            without_curve.append(entry.variant)
+            series[entry.variant] = [(step, entry.mean, None, None) for step in (0, last_step)]
     return charts.curves(
         series,
         "environment steps",
         _SUCCESS,
         f"Success of each variant over training, {point.title}",
         percent=True,
+        dashed=without_curve,
         colours={name: colours[name] for name in series},
     )
 
@@ -391,7 +403,7 @@ def _bars(view: StudyView, point: PointMetrics) -> Chart:
             reference = entry.mean
     return charts.intervals(
         rows,
-        "success on test tasks, 95 % over seeds and tasks",
+        f"success on test tasks, 95 % over {view.resampled}",
         f"Success of each variant, {point.title}",
         reference=reference,
         percent=True,

@@ -59,7 +59,7 @@ for _command, _kind in _TRAINED_SCORERS.items():
 PLAYER = "player"
 """The setting of a variant that names a player without training, in place of an agent."""
 PLAYERS = ("random pair", "nearest words", "best pair", "planner")
-"""Players without training: chance, words alone, and a recipe scorer alone, without and with plans."""
+"""Players without training: chance, words, and a recipe scorer alone, without or with plans."""
 _WITH_SCORER = PLAYERS[2:]
 NO_SETTINGS = ("seed", "checkpoint_every")
 """Options that are set by the study or change no result."""
@@ -300,7 +300,12 @@ def check_study(study: Study, source: str = "study") -> None:
             f"{', '.join(study.variants)}."
             f"{nearest(study.reference, study.variants)}"
         )
-    tables = [study.settings, study.grid, *study.points, *study.variants.values()]
+    tables: list[dict[str, Any]] = [
+        study.settings,
+        study.grid,
+        *study.points,
+        *study.variants.values(),
+    ]
     if study.vary_split and any("split_seed" in table for table in tables):
         raise ConfigError(
             f"{source}: `split_seed` is set, but with `vary_split` it is each training's seed; "

@@ -61,9 +61,9 @@ class VariantMetrics(Record):
         success: success rate of each run on test tasks.
         mean: mean of ``success``.
         seed_interval: interval for ``mean`` over seeds, by Student's t, for the same tasks; None
-            for a single seed.
+            for a single seed, and for runs on different splits.
         interval: interval for ``mean`` over seeds and groups of tasks, such as goals; over tasks
-            for a single seed.
+            for a single seed; over splits if each run has its own.
         by_plan: mean share of episodes in which the last pair of a plan made the goal.
         train: mean success on train tasks; None if not measured for every run.
         mrr: mean MRR of the agents' scorers on test triples outside training; None without a
@@ -109,7 +109,7 @@ class PointMetrics(Record):
         title: the settings in words; graph and split without a grid.
         graphs: graphs with which the variants were evaluated, in the order of the variants; usually
             one.
-        tasks: number of test tasks.
+        tasks: number of test tasks, of all splits together.
         distractor_seeds: episodes of each task, with other distractors each.
         variants: results of the variants that have runs, in the order of the study.
     """
@@ -133,11 +133,12 @@ def metrics_of(
     Args:
         results: the study, which knows the groups of test tasks.
         variant: name of the variant.
-        members: the variant's runs, at least one, all on the same test tasks.
+        members: the variant's runs, at least one, all on the same test tasks or on a split each.
         base: runs of the reference at the same point; empty if there are none. The reference itself
             is recognised by being the same list.
     """
     success = [run.success["test"] for run in members]
+    rates = results.rates_of(members)
     # Runs of earlier studies may lack train tasks or a scorer: these lists may be shorter.
     train = [run.success["train"] for run in members if "train" in run.success]
     mrr = [run.mrr for run in members if run.mrr is not None]
@@ -149,8 +150,8 @@ def metrics_of(
         seeds=tuple(run.seed for run in members),
         success=tuple(success),
         mean=mean_of(success),
-        seed_interval=student_interval(success),
-        interval=rate_interval(_table(members), results.groups_of(members[0])),
+        seed_interval=student_interval(success) if rates.splits is None else None,
+        interval=rate_interval(*rates),
         by_plan=mean_of(by_plan),
         # A mean of some runs would stand beside the success of all.
         train=mean_of(train) if len(train) == len(members) else None,
@@ -171,26 +172,23 @@ def mean_of(values: Sequence[float]) -> float:
     return math.fsum(values) / len(values)
 
 
-def _table(members: Sequence[RunResult]) -> NDArray[np.float64]:
-    """Return the success rates of runs, shape (runs, tasks)."""
-    return np.array([run.rates for run in members])
-
-
 def _comparison(
     results: StudyResults,
     members: list[RunResult],
     base: list[RunResult],
 ) -> VariantComparison | None:
     by_seed = {run.seed: run for run in base}
-    paired = [run for run in members if run.seed in by_seed]
+    paired = []
+    for run in members:
+        partner = by_seed.get(run.seed)
+        # Only the same task, with the same distractors, makes a pair.
+        if partner is not None and results.tasks_of(run) == results.tasks_of(partner):
+            paired.append(run)
     if members is base or not paired:
         return None
-    # Only the same task, with the same distractors, makes a pair.
-    if results.tasks_of(members[0]) != results.tasks_of(base[0]):
-        return None
-    partners = [by_seed[run.seed] for run in paired]
-    differences = _table(paired) - _table(partners)
-    (difference, low, high), exact = crossed_difference(differences, results.groups_of(base[0]))
+    rates = results.rates_of([by_seed[run.seed] for run in paired])
+    differences = results.rates_of(paired).scores - rates.scores
+    (difference, low, high), exact = crossed_difference(differences, rates.groups, rates.splits)
     p_value = exact if len(paired) >= FEWEST_PAIRS else None
     # Holm's correction needs all comparisons of the study; the summary of the study fills it in.
     return VariantComparison(difference, (low, high), len(paired), p_value, p_corrected=p_value)
@@ -265,6 +263,7 @@ class StudyView(Record):
         command: the command that ran the study.
         drawing: kind of picture.
         reference: the variant that all others are compared with.
+        vary_split: whether each training has its own split.
         points: results at each grid point that has runs, in the order of the runs.
         comparisons: number of comparisons with a p-value; Holm's correction is over these.
         claims: the study's claims with their verdicts.
@@ -282,6 +281,7 @@ class StudyView(Record):
     command: str
     drawing: Drawing
     reference: str
+    vary_split: bool
     points: Annotated[tuple[PointMetrics, ...], msgspec.Meta(min_length=1)]
     comparisons: Count
     claims: tuple[ClaimVerdict, ...]
@@ -289,6 +289,11 @@ class StudyView(Record):
     versions: dict[str, str]
     hours: float
     origins: tuple[Origin, ...] = ()
+
+    @property
+    def resampled(self) -> str:
+        """What the intervals of success are about, in words."""
+        return "splits" if self.vary_split else "seeds and tasks"
 
 
 Runs = dict[str, list[RunResult]]
@@ -315,6 +320,7 @@ def view_study(results: StudyResults) -> StudyView:
         command=results.command,
         drawing=study.drawing,
         reference=reference,
+        vary_split=study.vary_split,
         points=tuple(points),
         comparisons=len(_p_values(points)),
         claims=view_claims(results),
@@ -393,8 +399,11 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
     first = members[0]
     seeds: set[int] = set()
     for run in members:
-        # A mean over seeds is about one set of tasks.
-        if results.tasks_of(run) != results.tasks_of(first):
+        # A mean over seeds is about one set of tasks, unless each has a split by the study's plan.
+        is_alike = results.tasks_of(run) == results.tasks_of(first)
+        if results.study.vary_split:
+            is_alike = _book_and_tables(results, run) == _book_and_tables(results, first)
+        if not is_alike:
             raise ConfigError(
                 f"{cell}: seeds {first.seed} and {run.seed} were played on different graphs, "
                 f"splits or tasks ({_played(results, first)}; {_played(results, run)}), so their "
@@ -410,6 +419,11 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
         seeds.add(run.seed)
 
 
+def _book_and_tables(results: StudyResults, run: RunResult) -> tuple[str, str, int]:
+    graph = results.graphs[run.graph]
+    return graph.hash, graph.kind, run.distractor_seeds
+
+
 def _played(results: StudyResults, run: RunResult) -> str:
     graph = results.graphs[run.graph].in_words
     return f"{graph}, {len(run.won):,} tasks, {run.distractor_seeds} distractor seeds"
@@ -421,19 +435,20 @@ def _point(results: StudyResults, values: Values, runs: Runs, reference: str) ->
     graphs = {}
     for name, members in runs.items():
         variants.append(metrics_of(results, name, members, base))
-        # All runs of a variant at a point have one graph, see `_check_alike`.
-        number = members[0].graph
-        graphs[number] = results.graphs[number]
-    first = next(iter(runs.values()))[0]
+        for run in members:
+            graphs[run.graph] = results.graphs[run.graph]
+    first_runs = next(iter(runs.values()))
+    num_tasks = results.rates_of(first_runs).scores.shape[1]
     title = title_of(values)
     if not values:
-        title = ", ".join(f"{graph.name}, {graph.kind}" for graph in graphs.values())
+        names = [f"{graph.name}, {graph.kind}" for graph in graphs.values()]
+        title = ", ".join(dict.fromkeys(names))
     return PointMetrics(
         values=values,
         title=title,
         graphs=tuple(graphs.values()),
-        tasks=len(first.won),
-        distractor_seeds=first.distractor_seeds,
+        tasks=num_tasks,
+        distractor_seeds=first_runs[0].distractor_seeds,
         variants=tuple(variants),
     )
 

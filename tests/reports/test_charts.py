@@ -174,7 +174,6 @@ def test_a_share_of_0_stands_at_the_end_of_the_logarithmic_axes():
     assert lines_of(axes)[-1].tolist() == [[1e-6, 1e-4], [0.9, 1e-6]]
 
 
-
 def test_positive_contributions_go_right_and_negative_left():
     """Positive contributions go right of the middle and negative ones left."""
     numbers = {"alpha": 0, "u": 1, "v": 2}

@@ -10,10 +10,10 @@ import jsonschema
 import msgspec
 import numpy as np
 import pytest
-from fabricated import GUIDED, NO_GRAPH, fabricate, three_train_fractions
+from fabricated import GUIDED, NO_GRAPH, fabricate
 from markupsafe import escape
 
-from wordcraft_kg.base import ConfigError, OutputExistsError, as_values, checked_values, schema_of
+from wordcraft_kg.base import ConfigError, OutputExistsError, checked_values, schema_of
 from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.reports.pages import render
 from wordcraft_kg.studies.claims import check_claim, view_claims
@@ -93,19 +93,6 @@ def test_equal_results_have_equal_files(view, tmp_path):
     one, other = make_study_report(view).files, make_study_report(again).files
     for name in ("table.csv", "figure.svg"):
         assert one[name] == other[name]
-
-
-def test_a_study_of_doses_is_drawn_by_mrr():
-    view = view_study(three_train_fractions())
-    ((title, chart),) = panels_of(view).items()
-    assert title == ""
-    drawn = escape(chart)
-    assert all(
-        label in drawn for label in ("cross-fitted", "in-sample", "no graph", "train_fraction 0.5")
-    )
-    assert "train tasks scored in-sample</th><td>3</td>" in " ".join(
-        render(make_study_report(view)).split()
-    )
 
 
 def test_bars_are_drawn_where_there_are_no_curves():
@@ -224,11 +211,8 @@ def test_steps_to_the_references_end_are_of_the_mean_curve():
     assert of(view, "no graph").reached_interval[1] == 20
 
 
-def test_a_view_places_values_and_equal_results_alike():
-    """A view has a place for each of its values and equal results have equal ones."""
-    view = view_study(three_train_fractions())
+def test_a_view_has_a_place_for_each_of_its_values(view):
     assert msgspec.convert(checked_values(view), StudyView) == view
-    assert as_values(view_study(three_train_fractions())) == as_values(view)
 
 
 def moved(results, number, key):
@@ -246,6 +230,39 @@ def test_runs_of_a_cell_on_different_graphs_are_not_averaged(key):
         match=r"'no graph': seeds 0 and 3 were played on different graphs, splits or tasks.*cccc",
     ):
         view_study(results)
+
+
+def on_splits(won):
+    """Return results whose seeds were played on a split each, of 5, 4 and 3 tasks."""
+    results = fabricate(
+        {name: [digits[seed:] for seed, digits in enumerate(rows)] for name, rows in won.items()}
+    )
+    graph = results.graphs[0]
+    graphs = tuple(msgspec.structs.replace(graph, split=f"{seed}" * 64) for seed in range(3))
+    runs = tuple(msgspec.structs.replace(run, graph=run.seed) for run in results.runs)
+    study = msgspec.structs.replace(results.study, vary_split=True)
+    return msgspec.structs.replace(results, graphs=graphs, runs=runs, study=study)
+
+
+def test_runs_on_a_split_each_are_compared_in_pairs_with_intervals_over_splits():
+    results = on_splits(
+        {"no graph": ["00000", "50000", "05000"], "guided": ["55500", "55550", "55055"]}
+    )
+    view = view_study(results)
+    guided = of(view, "guided")
+    assert guided.mean == pytest.approx((3 / 5 + 3 / 4 + 2 / 3) / 3)
+    assert guided.comparison.difference == pytest.approx((3 / 5 + 3 / 4 + 2 / 3) / 3)
+    low, high = guided.comparison.interval
+    assert student_interval([3 / 5, 3 / 4, 2 / 3]) == pytest.approx((low, high))
+    assert guided.seed_interval is None
+    assert view.points[0].tasks == 12
+    claim = Claim("Guided is better.", "guided", "no graph", by=0.1)
+    (verdict,) = check_claim(results, claim)
+    assert verdict.verdict == "reproduced"
+    (measured,) = verdict.measured
+    assert (measured.splits, measured.tasks) == (3, 12)
+    assert measured.p_value == guided.comparison.p_value
+    assert measured.difference == pytest.approx(guided.comparison.difference)
 
 
 def test_variants_on_different_graphs_are_not_compared():

@@ -1,10 +1,10 @@
 """Confidence intervals for success rates, and comparisons of agents trained with several seeds.
 
-Intervals have a nominal confidence of 95 % unless stated otherwise. Simulated studies with tasks in
-groups, such as goals, cover .93 on average over scenarios for one player, and .87 in the worst
-(``benchmarks/interval_coverage.py``). ``draws`` is the number of resamples, and ``seed`` fixes the
-resampling. Functions of tasks and seeds raise a ConfigError for scores that are empty, not finite
-or misshapen; :func:`bootstrap`, :func:`interval` and :func:`standardised` check nothing.
+Intervals have a nominal confidence of 95 % unless stated otherwise;
+``benchmarks/interval_coverage.py`` simulates how often they hold the truth. ``draws`` is the number
+of resamples, and ``seed`` fixes the resampling. Functions of tasks and seeds raise a ConfigError
+for scores that are empty, not finite or misshapen; :func:`bootstrap`, :func:`interval` and
+:func:`standardised` check nothing.
 """
 
 import math
@@ -37,6 +37,9 @@ Percentiles of fewer groups hold the truth too seldom: .79 to .94 for 12 to 40 g
 """
 _DRAWN_AT_ONCE = 1 << 18
 """Most clusters that are drawn in one call of the generator, in 2 MiB."""
+_LEAST_OF_TASKS = 0.5
+"""Least half-width over splits, as a share of that over groups of tasks: with it, intervals of 3
+splits cover .951 to .965, whether splits vary by their tasks alone or ten times as much."""
 _LEVEL = 0.95
 _Z = NormalDist().inv_cdf((1 + _LEVEL) / 2)
 """Half-width of a 95 % interval in standard errors, about 1.96."""
@@ -361,8 +364,8 @@ def _group_sums(values: Scores, groups: Groups) -> tuple[Scores, Scores]:
     return sums, sizes.astype(float)
 
 
-def rate_interval(scores: ArrayLike, groups: Groups) -> tuple[float, float]:
-    """Return the interval for a mean success rate over seeds and tasks.
+def rate_interval(scores: ArrayLike, groups: Groups, splits: Groups = None) -> tuple[float, float]:
+    """Return the interval for a mean success rate over seeds and tasks, or over splits.
 
     Wilson's interval with the half-width h of :func:`crossed_difference` at the rate p: with
     ``q = h² / p (1 - p)`` the bounds are ``(p + q/2 ± sqrt(q p (1 - p) + q²/4)) / (1 + q)``, within
@@ -372,20 +375,21 @@ def rate_interval(scores: ArrayLike, groups: Groups) -> tuple[float, float]:
     Args:
         scores: success rates, shape (S seeds, K tasks).
         groups: number of each task's group, shape (K,); None if each task is a group of its own.
+        splits: number of each task's split, shape (K,); None if all are of one split.
 
     Returns:
-        lower and upper bound.
+        lower and upper bound; over several splits for the mean of the splits' means.
 
     Raises:
         ConfigError: if the table is empty, not finite or of another shape, or there is not one
-            group for each task.
+            group and one split for each task.
 
-    Source: Wilson 1927, with the variance of two random effects in place of the binomial one.
+    Source: Wilson 1927, with the variance of random effects in place of the binomial one.
     """
     table = by_task("scores", scores, "(seeds, tasks)")
-    parts = _crossed(table, groups)
-    rate = float(table.mean())
-    spread = float(table.mean() * (1 - table.mean()))
+    parts = _crossed(table, groups, splits)
+    rate = parts.mean
+    spread = rate * (1 - rate)
     width = parts.half_width(1 - _LEVEL)
     # Without spread the rate is 0 or 1, and only the floor gives the interval a width.
     q = width**2 / spread if spread else 0.0
@@ -397,10 +401,11 @@ def rate_interval(scores: ArrayLike, groups: Groups) -> tuple[float, float]:
 
 
 def crossed_difference(
-    scores: ArrayLike, groups: Groups, *, level: float = _LEVEL
+    scores: ArrayLike, groups: Groups, splits: Groups = None, *, level: float = _LEVEL
 ) -> tuple[Interval, float]:
     """Return a mean difference between two agents over seeds and tasks, and its interval.
 
+    Of one split, the interval is for new trainings and new tasks like its tasks:
     ``h² = t²_(S-1) max(v_seeds - v_rest, 0) + t²_(H-1) v_groups`` adds the variance of the mean by
     seeds, without the noise of single trainings on single groups, and by groups of tasks that a
     split holds out together: ``v_groups`` and ``v_rest`` are jackknife variances over groups. Few
@@ -411,11 +416,18 @@ def crossed_difference(
     The p-value is the level at which the interval reaches 0. If all groups have the same
     difference, their part is ``z² / G`` in place of 0, as for a rate of 0 or 1. One task leaves the
     part of the seeds; one group of several tasks says nothing of other groups.
+
+    Of M splits, the interval is for a training on a new random split of the same book: the value
+    is the mean of the splits' means, and ``h = max(t_(M-1) s / sqrt(M), z' sqrt(v_groups) / 2)``
+    with their sample deviation s, which holds the variation of trainings and of tasks as well. Few
+    means may be alike by chance; so h is at least half of what the tasks alone would give.
     ``benchmarks/interval_coverage.py`` simulates the coverage.
 
     Args:
         scores: differences of rates, paired by seed and task, shape (S seeds, K tasks).
         groups: number of each task's group, shape (K,); None if each task is a group of its own.
+            Groups of different splits are different groups.
+        splits: number of each task's split, shape (K,); None if all are of one split.
         level: confidence.
 
     Returns:
@@ -424,18 +436,18 @@ def crossed_difference(
 
     Raises:
         ConfigError: if the table is empty, not finite or of another shape, or there is not one
-            group for each task.
+            group and one split for each task.
 
     Source: Howe 1974, "Approximate confidence limits on the mean of X + Y where X and Y are two
     tabled independent random variables"; Cameron and Miller 2015, "A practitioner's guide to
     cluster-robust inference", section VI, for the jackknife over groups and for Student's t with
-    fewer groups than there are.
+    fewer groups than there are; Student 1908, "The probable error of a mean", over splits.
     """
     from scipy.special import ndtri
 
     table = by_task("scores", scores, "(seeds, tasks)")
-    value = float(table.mean())
-    parts = _crossed(table, groups)
+    parts = _crossed(table, groups, splits)
+    value = parts.mean
     smallest_p = 1e-100  # p-values below print as 0; the search needs a positive bound
     floor = parts.floor if table.shape[1] > 1 else 0.0
 
@@ -462,22 +474,28 @@ def crossed_difference(
 
 @dataclass(frozen=True)
 class _Crossed:
-    """What varies in a table of S seeds and K tasks in G groups.
+    """What varies in a table of S seeds and K tasks in G groups, of one or several splits.
 
     Attributes:
+        mean: mean over seeds and tasks; of several splits, the mean of their means.
         of_seeds: standard error of the mean by seeds, without the noise of single trainings on
             single groups.
         of_groups: standard error of the mean by groups of tasks, with this noise.
+        of_splits: standard error of the mean by splits, with all noise; 0 for a single split.
         seeds: S.
         groups: number of groups of equal size that say as much, at most G: ``K² / sum_g n_g²``.
+        splits: number of splits.
         floor: 1 / G if all groups have the same mean, which does not say that all groups are alike;
             else 0.
     """
 
+    mean: float
     of_seeds: float
     of_groups: float
+    of_splits: float
     seeds: int
     groups: float
+    splits: int
     floor: float
 
     def half_width(self, p: float) -> float:
@@ -488,18 +506,27 @@ class _Crossed:
         # group has no variance, so its degrees of freedom do not count.
         free_seeds = max(self.seeds - 1, 1)
         free_groups = max(self.groups - 1, 1)
-        return math.hypot(
-            self.of_seeds * stdtrit(free_seeds, p / 2),
-            self.of_groups * stdtrit(free_groups, p / 2),
-        )
+        by_groups = self.of_groups * stdtrit(free_groups, p / 2)
+        if self.splits > 1:
+            by_splits = self.of_splits * stdtrit(self.splits - 1, p / 2)
+            return -float(min(by_splits, _LEAST_OF_TASKS * by_groups))
+        return math.hypot(self.of_seeds * stdtrit(free_seeds, p / 2), by_groups)
 
 
-def _crossed(table: Scores, groups: Groups) -> _Crossed:
-    """Return the standard errors of the mean of a table by seeds and by groups of tasks."""
+def _crossed(table: Scores, groups: Groups, splits: Groups = None) -> _Crossed:
+    """Return the mean of a table and its standard errors by seeds, groups of tasks and splits."""
     seeds, tasks = table.shape
     mean = table.mean()
     by_seed = table.mean(axis=1)
     by_column = table.mean(axis=0)
+    by_split = mean[None]
+    split_error = 0.0
+    if splits is not None:
+        sums, sizes = _group_sums(by_column, splits)
+        by_split = sums / sizes
+        groups = _within_splits(groups, splits)
+    if len(by_split) > 1:
+        split_error = float(by_split.std(ddof=1)) / math.sqrt(len(by_split))
     deviations, sizes = _group_sums(by_column - mean, groups)
     number = len(sizes)
     group_error = 0.0
@@ -524,12 +551,27 @@ def _crossed(table: Scores, groups: Groups) -> _Crossed:
         seed_error = math.sqrt(max(seed_error, 0.0))
     is_alike = np.abs(deviations / sizes).max() < 1e-9  # up to rounding
     return _Crossed(
+        mean=float(by_split.mean()),
         of_seeds=seed_error,
         of_groups=group_error,
+        of_splits=split_error,
         seeds=seeds,
         groups=tasks**2 / float((sizes**2).sum()),
+        splits=len(by_split),
         floor=1 / number if is_alike else 0.0,
     )
+
+
+def _within_splits(groups: Groups, splits: NDArray[np.integer] | Sequence[int]) -> Groups:
+    """Return numbers of groups that each lie within one split."""
+    if groups is None:
+        return None
+    names = np.asarray(groups)
+    if names.shape != np.shape(splits):
+        raise ConfigError(f"groups of shape {names.shape}: expected {np.shape(splits)}, as splits.")
+    pairs = np.column_stack([splits, names])
+    _, numbers = np.unique(pairs, axis=0, return_inverse=True)
+    return numbers
 
 
 # --- several seeds --------------------------------------------------------------------------------

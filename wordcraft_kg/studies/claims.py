@@ -32,7 +32,7 @@ from typing import Literal, NamedTuple
 import msgspec
 import numpy as np
 
-from wordcraft_kg.base import ConfigError, Count, Record, counted
+from wordcraft_kg.base import ConfigError, Count, Record, Share, counted
 from wordcraft_kg.base.statistics import (
     FEWEST_PAIRS,
     crossed_difference,
@@ -76,6 +76,7 @@ class Measured(Record, frozen=True):
         groups: number of task groups that the interval resamples; equal to ``tasks`` if each task
             is a group.
         splits: number of splits, one for each training; 1 if all trainings have the same.
+        p_value: of no difference; None for a single seed.
     """
 
     values: Values
@@ -88,6 +89,7 @@ class Measured(Record, frozen=True):
     tasks: Count
     groups: Count
     splits: Count = 1
+    p_value: Share | None = None
 
 
 class ClaimVerdict(Record, frozen=True):
@@ -253,6 +255,7 @@ def _sides(results: StudyResults, claim: Claim, point: Values) -> _Sides:
 def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
     sides = _sides(results, claim, point)
     low, high = _interval(claim, sides)
+    p_value = None if len(sides.seeds) == 1 else _p_value(claim.measure, sides.differences)
     left = sides.left.mean
     right = sides.right.mean
     tasks = sides.left.scores.shape[1] if claim.measure == "success" else 0
@@ -269,7 +272,22 @@ def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
         tasks=tasks,
         groups=tasks if groups is None else _number_of_groups(groups, splits),
         splits=1 if splits is None else len(set(splits)),
+        p_value=p_value,
     )
+
+
+def _p_value(measure: Measure, differences: PlayedRates) -> float:
+    """Return the p-value of "no difference", from the interval's method."""
+    if measure == "success":
+        _, p_value = crossed_difference(*differences)
+        return p_value
+    by_seed = differences.scores[:, 0]
+    # Equal differences of all seeds have no spread to divide by.
+    if np.ptp(by_seed) == 0:
+        return 0.0 if by_seed[0] else 1.0
+    from scipy.stats import ttest_1samp
+
+    return float(ttest_1samp(by_seed, 0.0).pvalue)
 
 
 def _number_of_groups(groups: Ids, splits: Ids | None) -> int:

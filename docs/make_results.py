@@ -494,7 +494,7 @@ def evidence(of: list[tuple[StudyResults, StudyView]]) -> Iterator[str]:
         f"Agents train for {steps_of(of[0][1])} steps, with "
         f"{' and '.join(f'{seeds_of(view)} seeds on {shown_book(results)}' for results, view in of)}. "
         "Success is the share of test episodes in which the greedy agent makes the goal, "
-        "with a 95 % interval over seeds and tasks ([intervals](method.md#intervals))."
+        "with a 95 % interval over seeds and tasks ([intervals](intervals.md))."
     )
     yield ""
     yield "## Caveats"
@@ -509,7 +509,7 @@ def evidence(of: list[tuple[StudyResults, StudyView]]) -> Iterator[str]:
     if "train-recipes" in commands:
         yield (
             "- Scores of whole recipes and plans are those of the recipe scorer by tables, before "
-            "neighbour lists ([the difference](links.md#lists))."
+            "neighbour lists ([the difference](recipe-scorer.md#lists))."
         )
     for results, view in of:
         for point in view.points:

@@ -156,7 +156,8 @@ def finding() -> Iterator[str]:
     """Yield the lines of README's finding: what each part adds on the paper's book."""
     yield (
         "**What each part adds.** Goals made on Little Alchemy 2, with 8 *distractors* (further "
-        "items; two attempts: with 4; [intervals](docs/evidence/parts.md)):"
+        "items; intervals: [one attempt](docs/evidence/parts.md), "
+        "[two, with 4](docs/evidence/planning.md)):"
     )
     yield ""
     yield from parts_in_short()
@@ -224,7 +225,7 @@ def files() -> Iterator[tuple[Path, str]]:
     """Yield each file and its content."""
     readme = HERE.parent / "README.md"
     yield readme, between(readme.read_text(encoding="utf-8"), FINDING, finding())
-    guides = [HERE / f"{name}.md" for name in ("partial-graph", "which-model", "limits")]
+    guides = [HERE / f"{name}.md" for name in ("which-model", "limits")]
     for page in (*guides, *sorted((HERE / "evidence").glob("*.md"))):
         text = with_tables(page.stem, page.read_text(encoding="utf-8"))
         yield page, text
@@ -238,7 +239,7 @@ def on_files(files: Any, *, config: Any) -> Any:
     """Add the figures of all evidence pages to the website."""
     from mkdocs.structure.files import File
 
-    for page in (HERE / "partial-graph.md", *(HERE / "evidence").glob("*.md")):
+    for page in (HERE / "evidence").glob("*.md"):
         picture = figure(page.read_text(encoding="utf-8"))
         files.append(File.generated(config, f"images/evidence-{page.stem}.svg", content=picture))
     return files

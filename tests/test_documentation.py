@@ -231,7 +231,7 @@ def words_of(text):
 GENERATED_PAGES = ("terms.md", "leaderboard.md")
 """Pages that a script writes as a whole, besides those that say so in their first line."""
 
-MOST_WORDS = 35_420
+MOST_WORDS = 35_000
 """Of all pages that people write."""
 
 
@@ -262,7 +262,10 @@ def test_all_guides_together_are_short():
 FIGURE = re.compile(r"(?<![\w.])[-+]?0?(\.\d{3})(?!\d)")
 """A share of three digits, as measurements are printed."""
 
-SETTINGS = {"docs/explanation/recipe-scorer.md": {".002"}}
+SETTINGS = {
+    "docs/explanation/recipe-scorer.md": {".002"},
+    "docs/explanation/decisions.md": {".001", ".005", ".008"},
+}
 """Shares that are settings, by page."""
 
 

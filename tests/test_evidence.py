@@ -9,10 +9,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import yaml
 
 DOCS = Path(__file__).parents[1] / "docs"
 
-PAGES = [DOCS / "partial-graph.md", *sorted((DOCS / "evidence").glob("*.md"))]
+PAGES = sorted((DOCS / "evidence").glob("*.md"))
 
 
 @pytest.fixture(scope="module")
@@ -107,29 +108,71 @@ def test_a_table_has_the_columns_of_all_its_rows(script, tmp_path, monkeypatch):
 FIGURE = re.compile(r"(?<!\d)\.\d{3}(?!\d)")
 """A share of three digits, as measurements are printed."""
 
-WRITTEN = [page for page in PAGES if page.stem != "parts"]
-"""Pages whose sentences people write; the answer of the other follows from its figures."""
 
-
-@pytest.mark.parametrize("page", WRITTEN, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_each_figure_of_a_pages_sentences_is_among_its_stored_figures(page, script):
     """An answer that was not mended after a new measurement fails."""
-    text = script.TABLE.sub("", page.read_text(encoding="utf-8"))
-    text = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
-    cells = [
-        cell
-        for (name, _), rows in script.tables().items()
-        if name == page.stem
-        for columns in rows.values()
-        for cell in columns.values()
-    ]
-    assert set(FIGURE.findall(text)) <= set(FIGURE.findall(" ".join(cells)))
+    whole = page.read_text(encoding="utf-8")
+    shown_tables = [place[0] for place in script.TABLE.finditer(whole)]
+    sentences = script.tables().get((page.stem, "text"), {})
+    quoted = [cell for columns in sentences.values() for cell in columns.values()]
+    text = re.sub(r"^```.*?^```", "", script.TABLE.sub("", whole), flags=re.DOTALL | re.MULTILINE)
+    assert set(FIGURE.findall(text)) <= set(FIGURE.findall(" ".join(shown_tables + quoted)))
+
+
+def test_each_stored_table_stands_on_its_page(script):
+    places = {
+        (page.stem, place[2])
+        for page in DOCS.rglob("*.md")
+        for place in script.TABLE.finditer(page.read_text(encoding="utf-8"))
+    }
+    assert {key for key in script.tables() if key[1] != "text"} <= places
+
+
+def test_each_stored_measurement_is_named_by_a_page():
+    with zipfile.ZipFile(DOCS / "evidence" / "measurements.zip") as archive:
+        names = archive.namelist()
+    texts = "".join(page.read_text(encoding="utf-8") for page in DOCS.rglob("*.md"))
+    named = [name.replace("*", ".*") for name in re.findall(r"`([\w*-]+\.(?:json|csv))`", texts)]
+    assert [name for name in names if not any(re.fullmatch(each, name) for each in named)] == []
+
+
+MOST_EVIDENCE_WORDS = 20_000
+"""Of all pages of evidence, tables included."""
+
+
+def test_the_evidence_is_fourteen_short_pages():
+    assert len(PAGES) <= 14
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in PAGES) <= (
+        MOST_EVIDENCE_WORDS
+    )
+
+
+def headings(page):
+    """Anchors of a page: its headings, and the ids of its folded parts."""
+    text = page.read_text(encoding="utf-8")
+    titles = re.findall(r"^#+ (.*)", text, re.MULTILINE)
+    anchors = [re.sub(r"[^\w -]", "", title.lower()).strip().replace(" ", "-") for title in titles]
+    return {*anchors, *re.findall(r'id="([\w-]+)"', text)}
+
+
+def test_addresses_of_earlier_pages_lead_to_pages_of_today():
+    text = (DOCS.parent / "mkdocs.yml").read_text(encoding="utf-8")
+    moved = yaml.safe_load(text)["extra"]["moved"]
+    assert moved
+    for old, new in moved.items():
+        assert not (DOCS / old).exists(), old
+        name, _, anchor = new.partition("#")
+        page = DOCS / name
+        # The website makes the pages of notebooks.
+        assert page.exists() or page.with_suffix(".ipynb").exists(), new
+        assert not anchor or anchor in headings(page), new
 
 
 def test_the_website_shows_a_figure_in_place_of_its_comment(script):
-    page = SimpleNamespace(file=SimpleNamespace(src_uri="evidence/acting.md"))
+    page = SimpleNamespace(file=SimpleNamespace(src_uri="evidence/planning.md"))
     shown = script.on_page_markdown("a\n<!-- figure: Success | b -->\n", page=page)
-    assert shown == "a\n![Success](../images/evidence-acting.svg)\n"
+    assert shown == "a\n![Success](../images/evidence-planning.svg)\n"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

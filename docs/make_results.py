@@ -35,7 +35,7 @@ from wordcraft_kg.studies.view import StudyView, title_of, view_study
 
 ARCHIVE = Path(__file__).parent / "results.zip"
 """The results of the studies, a JSON file each."""
-ORDER = ("embeddings", "knowledge", "sources", "alone", "parts", "plans")
+ORDER = ("embeddings", "knowledge", "sources", "alone", "parts", "planning")
 """The studies, in the order of the pages."""
 BOOKS = {"little-alchemy-2": "Little Alchemy 2", "everyday": "`everyday`"}
 KINDS = {"by-recipe": "unseen recipes", "by-goal": "unseen goals"}

@@ -110,8 +110,9 @@ docs: install
 
 # 124: the time is over. Finished trainings stay in results/, and the next call resumes the unfinished ones.
 results: install
-	timeout --foreground --signal=INT $(MINUTES)m nice -n 19 $(BIN)/wordcraft-kg reproduce $(STUDY) \
-		--out results --keep metrics || [ $$? = 124 ]
+	timeout --foreground --signal=INT $(MINUTES)m nice -n 19 sh -c '\
+		$(BIN)/wordcraft-kg reproduce $(STUDY) --out results --keep metrics && \
+		$(BIN)/wordcraft-kg reproduce $(STUDY) --book everyday --seeds 3 --out results --keep metrics' || [ $$? = 124 ]
 
 .venv/installed-docs: .venv/installed
 	$(BIN)/python $(PIP_INSTALL) --constraint constraints.txt --editable ".[docs]"

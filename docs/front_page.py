@@ -52,6 +52,7 @@ END = "<!-- end of first screen -->"
 MOVED = """<!doctype html>
 <html lang="en">
 <title>This page has moved</title>
+<script>location.replace("{address}" + ("{address}".includes("#") ? "" : location.hash))</script>
 <meta http-equiv="refresh" content="0; url={address}">
 <p>This page has moved: <a href="{address}">{address}</a></p>
 </html>

@@ -151,7 +151,7 @@ def answer() -> Iterator[str]:
         f"{success('learner with the recipe scorer')}: learning in play adds "
         f"{gain('little-alchemy-2', 'by-recipe')} to the scorer, and with unseen goals "
         f"{gain('little-alchemy-2', 'by-goal')} (`everyday`: {gain('everyday', 'by-goal')}). "
-        "Where a goal takes two attempts, nearly all comes from planning."
+        "Where a goal takes two attempts, nearly all comes from [planning](planning.md)."
     )
 
 

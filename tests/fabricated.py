@@ -62,18 +62,3 @@ def fabricate(
         (),
         0.5,
     )
-
-
-def three_train_fractions():
-    """Return results of three shares of the recipes, with scores out of sample (folds) and
-    in-sample (memory)."""
-    rows = {0.2: ["50000", "50000"], 0.5: ["55000", "55500"], 1.0: ["55500", "55550"]}
-    points = [
-        (
-            {"scorer.train_fraction": share},
-            {"no graph": ["50000", "00000"], "folds": won, "memory": rows[0.2]},
-        )
-        for share, won in rows.items()
-    ]
-    mrr = {f"{name}@{i}": 0.1 * (i + 1) for i in range(3) for name in ("folds", "memory")}
-    return fabricate(points, mrr=mrr, drawing="scatter", settings={"memory": {"in_sample": True}})

@@ -1,29 +1,16 @@
 """Worlds that benchmarks cut out of books, and results of play in them; people's pairs."""
 
-import sys
-import pytest
 import itertools
-import json
-import runpy
-import numpy as np
-import torch
+import sys
 from importlib import import_module
 from pathlib import Path
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.statistics import student_interval
-from wordcraft_kg.graphs import RecipeGraph
-from wordcraft_kg.graphs import layers
-from wordcraft_kg.graphs import open_book
-from types import SimpleNamespace
+
+import numpy as np
+import pytest
 from helpers import refuses
-from wordcraft_kg import SplitConfig
-from wordcraft_kg import WordCraftConfig
-from wordcraft_kg import World
-from wordcraft_kg import make_split
-from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.errors import LeakError
-from wordcraft_kg.graphs import OpenedGraph
-from wordcraft_kg.graphs import open_graph
+
+from wordcraft_kg.base.statistics import student_interval
+from wordcraft_kg.graphs import RecipeGraph, layers, open_book
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 

@@ -101,4 +101,4 @@ for folder in ("toy", "tuned"):
 
 # %% [markdown]
 # SmolLM2-135M-Instruct, fine-tuned by the same script, makes .860 of this track:
-# [Does a language model that read the recipes know more about unseen ones?](../evidence/finetuned.md)
+# [What do language models know?](../evidence/language-models.md#finetuned)

@@ -1,37 +1,37 @@
-
-
 import itertools
 import math
+from collections import Counter
+from functools import cache
+
 import numpy as np
 import pandas as pd
 import pytest
 import torch
-from collections import Counter
-from functools import cache
 from helpers import refuses
 from scipy.optimize import minimize
 from scipy.spatial import distance
-from wordcraft_kg import RecipeGraph
-from wordcraft_kg import load_scorer
+
+from wordcraft_kg import RecipeGraph, load_scorer
 from wordcraft_kg.agents import recipe_discovery
-from wordcraft_kg.agents.discovery import DISCOVERERS
-from wordcraft_kg.agents.discovery import BookDiscoverer
-from wordcraft_kg.agents.discovery import EmpowermentDiscoverer
-from wordcraft_kg.agents.discovery import GreedyDiscoverer
-from wordcraft_kg.agents.discovery import make_discoverers
-from wordcraft_kg.agents.discovery import play_runs
-from wordcraft_kg.agents.discovery import summarise_curves
-from wordcraft_kg.agents.recipe_discovery import CANDIDATES
-from wordcraft_kg.agents.recipe_discovery import COVER
-from wordcraft_kg.agents.recipe_discovery import DOUBT
-from wordcraft_kg.agents.recipe_discovery import FREE
-from wordcraft_kg.agents.recipe_discovery import PRIOR
-from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
-from wordcraft_kg.envs.open_ended import Discovery
-from wordcraft_kg.envs.open_ended import OpenEndedEnv
+from wordcraft_kg.agents.discovery import (
+    DISCOVERERS,
+    BookDiscoverer,
+    GreedyDiscoverer,
+    make_discoverers,
+    play_runs,
+    summarise_curves,
+)
+from wordcraft_kg.agents.recipe_discovery import (
+    CANDIDATES,
+    COVER,
+    DOUBT,
+    FREE,
+    PRIOR,
+    RecipeDiscoverer,
+)
+from wordcraft_kg.envs.open_ended import Discovery, OpenEndedEnv
 from wordcraft_kg.models.recipes.inductive import for_labels
 from wordcraft_kg.models.scorers.features import glove_features
-from wordcraft_kg.agents.discovery import NEVER
 
 ATTEMPTS = 30
 

@@ -3,22 +3,24 @@ and by coverage."""
 
 import itertools
 import math
+
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from wordcraft_kg.base import ConfigError
-from wordcraft_kg.base import statistics
-from wordcraft_kg.base.statistics import bootstrap
-from wordcraft_kg.base.statistics import correlation
-from wordcraft_kg.base.statistics import crossed_difference
-from wordcraft_kg.base.statistics import finite
-from wordcraft_kg.base.statistics import holm
-from wordcraft_kg.base.statistics import paired_difference
-from wordcraft_kg.base.statistics import rate_interval
-from wordcraft_kg.base.statistics import student_interval
-from wordcraft_kg.base.statistics import task_bootstrap
-from wordcraft_kg.base.statistics import wilson_interval
+from hypothesis import given, strategies as st
+
+from wordcraft_kg.base import ConfigError, statistics
+from wordcraft_kg.base.statistics import (
+    bootstrap,
+    correlation,
+    crossed_difference,
+    finite,
+    holm,
+    paired_difference,
+    rate_interval,
+    student_interval,
+    task_bootstrap,
+    wilson_interval,
+)
 
 TASKS = np.array([[1, 1, 0], [0, 0, 0], [1, 1, 1], [1, 1, 1]])
 

@@ -1,8 +1,7 @@
-
-
 import re
-import pytest
+
 from quick import text_of
+
 from wordcraft_kg.agents.discovery import HUMAN_CURVE
 from wordcraft_kg.graphs import open_graph
 

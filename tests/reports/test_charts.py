@@ -67,13 +67,6 @@ CHARTS = {
         label,
         label,
     ),
-    "scatter": lambda label: charts.scatter(
-        {label: [(label, (0.1, 0.05, 0.2), (0.5, 0.4, 0.6))]},
-        label,
-        label,
-        label,
-        level=("_two", 0.3),
-    ),
     "intervals": lambda label: charts.intervals(
         [(label, (0.5, 0.4, 0.6)), ("_two", NO_ESTIMATE)], label, label
     ),
@@ -154,7 +147,6 @@ FEW = [
         charts.intervals([], "x", "d", reference=0.0),
         charts.intervals([("🔥", (0.0, 0.0, 0.0))], "x", "d"),
         charts.intervals([("a", (-0.1, -0.3, 0.2)), ("a", NO_ESTIMATE)], "x", "d", reference=0.0),
-        charts.scatter({}, "", "", "d"),
         charts.log_reliability({}, "d"),
     ],
 )
@@ -180,24 +172,6 @@ def test_a_share_of_0_stands_at_the_end_of_the_logarithmic_axes():
     assert axes.get_xlim() == axes.get_ylim() == (1e-6, 1)
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
     assert lines_of(axes)[-1].tolist() == [[1e-6, 1e-4], [0.9, 1e-6]]
-
-
-def test_labels_of_points_cover_no_point():
-    """A label goes below where a point is above, and is left out where points are on both sides."""
-    alone = (None, None)
-    points = [
-        ("free", (0.1, *alone), (0.5, *alone)),
-        ("below", (0.5, *alone), (0.5, *alone)),
-        ("at the left", (0.48, *alone), (0.54, *alone)),
-        ("nowhere", (0.9, *alone), (0.5, *alone)),
-        ("above it", (0.89, *alone), (0.54, *alone)),
-        ("below it", (0.91, *alone), (0.46, *alone)),
-    ]
-    root = parse(charts.scatter({"a": points}, "", "", ""))
-    heights = {text.text: float(text.get("y")) for text in root.iter("text")}
-    assert {"free", "below"} < heights.keys()
-    assert "nowhere" not in heights
-    assert heights["below"] > heights["free"]
 
 
 def test_positive_contributions_go_right_and_negative_left():

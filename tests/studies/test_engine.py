@@ -21,14 +21,17 @@ from small_study import (
 )
 
 from wordcraft_kg import SplitConfig, WordCraftConfig, World, make_split
+from wordcraft_kg.agents.evaluation import Evaluator
+from wordcraft_kg.agents.players import nearest_words
 from wordcraft_kg.base import TEMPORARY, TrainingError, as_values, parse_record
 from wordcraft_kg.graphs.folder import OpenedGraph, PlayedGraph, open_graph
+from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.reports.pages import render
 from wordcraft_kg.runs.run_folder import locked
 from wordcraft_kg.studies.engine import FullDiskError, Pool, missing_tasks, run_plan
 from wordcraft_kg.studies.perform import make_graph, perform
 from wordcraft_kg.studies.plan import Outcome, agent_config, make_plan
-from wordcraft_kg.studies.report import make_study_report
+from wordcraft_kg.studies.report import make_study_report, panels_of
 from wordcraft_kg.studies.results import (
     RunMetrics,
     StudyResults,
@@ -484,3 +487,44 @@ def test_results_of_a_study_have_the_groups_of_their_tasks(tmp_path):
     assert len({*zip(groups, goals.tolist(), strict=True)}) == len(set(groups))
     assert results.groups_of(results.runs[0]).tolist() == list(groups)
     assert parse_record(results_text(results).encode(), StudyResults, "results.json") == results
+
+
+PLAYERS = """
+[variants."two at random"]
+player = "random pair"
+[variants.words]
+player = "nearest words"
+features = "auto"
+"""
+
+
+def test_players_without_training_stand_beside_the_agents(tmp_path):
+    plan = small_plan(PLAYERS)
+    run_plan(plan, tmp_path, Pool(1))
+    results = collect_study(tmp_path, plan.name)
+    played = [
+        run for run in results.runs if run.variant == "words" and run.values["distractors"] == 2
+    ]
+    # Without chance in training or in the choice, all seeds are the same games.
+    assert len({run.run for run in played}) == 1
+    world = World(open_graph("kitchen"), WordCraftConfig("test", num_distractors=2))
+    vectors = make_features("auto", world.graph.entities).unit_vectors
+    expected = Evaluator(world)(nearest_words(vectors)).metrics()
+    assert played[0].success["test"] == pytest.approx(expected.mean, abs=1e-6)
+    assert played[0].steps == 0
+    panels_of(view_study(results))
+
+
+@pytest.mark.slow
+def test_a_recipe_scorer_plays_alone_with_and_without_plans(tmp_path):
+    players = (
+        '[scorers.recipes]\ncommand = "train-recipes"\n'
+        '[variants.pairs]\nplayer = "best pair"\nscorer = "recipes"\n'
+        '[variants.plans]\nplayer = "planner"\nscorer = "recipes"\n'
+    )
+    plan = small_plan(players)
+    run_plan(plan, tmp_path, Pool(1))
+    view = view_study(collect_study(tmp_path, plan.name))
+    success = {entry.variant: entry.mean for entry in view.points[0].variants}
+    # At depth 1 the most probable plan is the best pair.
+    assert success["plans"] == success["pairs"] > success["none"]

@@ -266,6 +266,23 @@ def test_what_cannot_be_is_refused_before_anything_starts(more, said):
     assert said in str(raised.value)
 
 
+def test_each_training_may_have_its_own_split():
+    plan = small_plan(text="vary_split = true\n" + TEXT)
+    graphs = {}
+    for cell, run in zip(plan.cells, plan.runs, strict=True):
+        graphs.setdefault(cell.seed, set()).add(plan.tasks[run].needs[0])
+    first, second = graphs.values()
+    assert (len(first), len(second), len(first | second)) == (1, 1, 2)
+    seeds = {plan.tasks[graph].settings["split"]["seed"] for graph in first | second}
+    assert seeds == {0, 1}
+
+
+def test_a_split_seed_beside_a_split_for_each_training_is_refused():
+    text = "vary_split = true\n" + TEXT.replace("[settings]", "[settings]\nsplit_seed = 1")
+    with pytest.raises(ConfigError, match="`split_seed` is set, but with `vary_split`"):
+        parse_study(text, "mine.toml")
+
+
 @pytest.mark.parametrize("more", ['policy = "attention"', '"scorer.dim" = 3', "distractors = 8"])
 def test_variants_that_differ_in_words_alone_are_refused(more):
     text = 'title = "x"\n[settings]\nbook = "kitchen"\n[variants.plain]\n[variants.same]\n'
@@ -348,6 +365,8 @@ def test_points_are_crossed_with_the_grid_and_keep_their_order():
         ("[[points]]\ndistractors = 3", r"points\[0\].distractors is also in the grid"),
         ('[[points]]\nsplti = "by-goal"', r"unknown setting 'points\[0\].splti'.*split"),
         ('[[points]]\nscorer = "partial"', "variants.guided.scorer is also in the grid"),
+        ('[variants.chance]\nplayer = "dice"', "player is 'dice'; expected one of random pair"),
+        ('[variants.alone]\nplayer = "planner"', "plays by a scorer; give `scorer`"),
         (CLAIM, "needs either 'right', a variant, or 'than'"),
         (CLAIM + 'right = "none"\nthan = 1.0', "needs either 'right', a variant, or 'than'"),
         (CLAIM + 'right = "nnoe"', "names an unknown variant 'nnoe'.*none"),

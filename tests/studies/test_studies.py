@@ -10,10 +10,10 @@ import jsonschema
 import msgspec
 import numpy as np
 import pytest
-from fabricated import GUIDED, NO_GRAPH, fabricate, three_train_fractions
+from fabricated import GUIDED, NO_GRAPH, fabricate
 from markupsafe import escape
 
-from wordcraft_kg.base import ConfigError, OutputExistsError, as_values, checked_values, schema_of
+from wordcraft_kg.base import ConfigError, OutputExistsError, checked_values, schema_of
 from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.reports.pages import render
 from wordcraft_kg.studies.claims import check_claim, view_claims
@@ -93,19 +93,6 @@ def test_equal_results_have_equal_files(view, tmp_path):
     one, other = make_study_report(view).files, make_study_report(again).files
     for name in ("table.csv", "figure.svg"):
         assert one[name] == other[name]
-
-
-def test_a_study_of_doses_is_drawn_by_mrr():
-    view = view_study(three_train_fractions())
-    ((title, chart),) = panels_of(view).items()
-    assert title == ""
-    drawn = escape(chart)
-    assert all(
-        label in drawn for label in ("cross-fitted", "in-sample", "no graph", "train_fraction 0.5")
-    )
-    assert "train tasks scored in-sample</th><td>3</td>" in " ".join(
-        render(make_study_report(view)).split()
-    )
 
 
 def test_bars_are_drawn_where_there_are_no_curves():
@@ -224,65 +211,8 @@ def test_steps_to_the_references_end_are_of_the_mean_curve():
     assert of(view, "no graph").reached_interval[1] == 20
 
 
-def test_dose_response_is_apart_for_each_way_of_scoring_train_tasks():
-    folds, memory = view_study(three_train_fractions()).scatters
-    assert (folds.in_sample, memory.in_sample) == (False, True)
-    assert [(at.label, at.mrr, at.success) for at in folds.points] == [
-        ("train_fraction 0.2", pytest.approx(0.105), pytest.approx(0.2)),
-        ("train_fraction 0.5", pytest.approx(0.205), pytest.approx(0.5)),
-        ("train_fraction 1", pytest.approx(0.305), pytest.approx(0.7)),
-    ]
-    assert folds.points[0].mrr_range == pytest.approx((0.1, 0.11))
-    assert folds.pearson.value == pytest.approx(np.corrcoef([1, 2, 3], [0.2, 0.5, 0.7])[0, 1])
-    assert folds.spearman.value == pytest.approx(1)
-    assert memory.pearson is None  # success does not vary
-    assert folds.steps_spearman is None
-    assert folds.without == pytest.approx(0.1)
-
-
-def test_steps_are_correlated_with_never_as_the_latest():
-    points = [({"distractors": 8}, {"no graph": ["50000"], **{name: ["55000"] for name in "abc"}})]
-    curves = {
-        "no graph": [[(10, 0.1), (20, 0.5)]],
-        "a": [[(10, 0.1), (20, 0.2)]],
-        "b": [[(10, 0.1), (20, 0.6)]],
-        "c": [[(10, 0.6), (20, 0.6)]],
-    }
-    mrr = {"a": 0.1, "b": 0.2, "c": 0.3}
-    (scatter,) = view_study(fabricate(points, mrr=mrr, curves=curves, drawing="scatter")).scatters
-    assert [at.reached for at in scatter.points] == [
-        None,
-        18,
-        10,
-    ]  # b: three quarters of the way from 10 to 20
-    assert scatter.steps_spearman.value == pytest.approx(-1)
-
-
-@pytest.mark.parametrize(
-    ("values", "label"),
-    [
-        ({"scorer.train_fraction": 0.1, "scorer.label_noise": 0.0}, "train_fraction 0.1"),
-        ({"scorer.train_fraction": 1.0, "scorer.label_noise": 0.3}, "label_noise 0.3"),
-        ({"scorer.train_fraction": 1.0, "scorer.label_noise": 0.0}, "train_fraction 1"),
-        (
-            {"scorer.train_fraction": 0.5, "scorer.label_noise": 0.1},
-            "train_fraction 0.5, label_noise 0.1",
-        ),
-        ({}, "a"),
-    ],
-)
-def test_a_dose_is_labelled_by_what_is_not_whole(values, label):
-    (scatter,) = view_study(
-        fabricate([(values, {"a": NO_GRAPH})], mrr={"a": 0.1}, drawing="scatter")
-    ).scatters
-    assert scatter.points[0].label == label
-
-
-def test_a_view_places_values_and_equal_results_alike():
-    """A view has a place for each of its values and equal results have equal ones."""
-    view = view_study(three_train_fractions())
+def test_a_view_has_a_place_for_each_of_its_values(view):
     assert msgspec.convert(checked_values(view), StudyView) == view
-    assert as_values(view_study(three_train_fractions())) == as_values(view)
 
 
 def moved(results, number, key):
@@ -300,6 +230,39 @@ def test_runs_of_a_cell_on_different_graphs_are_not_averaged(key):
         match=r"'no graph': seeds 0 and 3 were played on different graphs, splits or tasks.*cccc",
     ):
         view_study(results)
+
+
+def on_splits(won):
+    """Return results whose seeds were played on a split each, of 5, 4 and 3 tasks."""
+    results = fabricate(
+        {name: [digits[seed:] for seed, digits in enumerate(rows)] for name, rows in won.items()}
+    )
+    graph = results.graphs[0]
+    graphs = tuple(msgspec.structs.replace(graph, split=f"{seed}" * 64) for seed in range(3))
+    runs = tuple(msgspec.structs.replace(run, graph=run.seed) for run in results.runs)
+    study = msgspec.structs.replace(results.study, vary_split=True)
+    return msgspec.structs.replace(results, graphs=graphs, runs=runs, study=study)
+
+
+def test_runs_on_a_split_each_are_compared_in_pairs_with_intervals_over_splits():
+    results = on_splits(
+        {"no graph": ["00000", "50000", "05000"], "guided": ["55500", "55550", "55055"]}
+    )
+    view = view_study(results)
+    guided = of(view, "guided")
+    assert guided.mean == pytest.approx((3 / 5 + 3 / 4 + 2 / 3) / 3)
+    assert guided.comparison.difference == pytest.approx((3 / 5 + 3 / 4 + 2 / 3) / 3)
+    low, high = guided.comparison.interval
+    assert student_interval([3 / 5, 3 / 4, 2 / 3]) == pytest.approx((low, high))
+    assert guided.seed_interval is None
+    assert view.points[0].tasks == 12
+    claim = Claim("Guided is better.", "guided", "no graph", by=0.1)
+    (verdict,) = check_claim(results, claim)
+    assert verdict.verdict == "reproduced"
+    (measured,) = verdict.measured
+    assert (measured.splits, measured.tasks) == (3, 12)
+    assert measured.p_value == guided.comparison.p_value
+    assert measured.difference == pytest.approx(guided.comparison.difference)
 
 
 def test_variants_on_different_graphs_are_not_compared():

@@ -33,7 +33,7 @@ from wordcraft_kg.runs.config_file import RunConfig
 
 _LARGE = 1e9
 _WEIGHED_DEPTH = 2
-"""Depth at which weights of plans help for certain, see docs/evidence/plan-weights.md."""
+"""Depth at which weights of plans help for certain, see docs/evidence/planning.md#plan-weights."""
 Preset = Literal["recommended", "paper"]
 """Names of the presets of trainer and policy."""
 RECOMMENDED: Mapping[str, Any] = {"batch_size": 512, "learning_rate": 0.008}

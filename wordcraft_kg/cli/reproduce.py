@@ -184,7 +184,7 @@ def _chosen(study: str, changes: Changes) -> "dict[str, Study]":
 
 
 def _list(changes: Changes, output: Output) -> int:
-    from wordcraft_kg.studies.study import adapted, built_in, cells_of, read_study
+    from wordcraft_kg.studies.study import PLAYER, adapted, built_in, cells_of, read_study
 
     if changes.book:
         raise ConfigError("`book` does not apply to `--list`; leave the option out.")
@@ -192,7 +192,7 @@ def _list(changes: Changes, output: Output) -> int:
     rows: list[tuple[str, str]] = []
     for name in built_in():
         study = adapted(read_study(name), steps=changes.steps, seeds=changes.seeds)
-        trainings = len(cells_of(study))
+        trainings = sum(PLAYER not in cell.settings for cell in cells_of(study))
         listed[name] = {"title": study.title, "source": study.source, "trainings": trainings}
         rows += [(name, f"{study.title}: {trainings} trainings"), ("", study.source)]
     rows.append((ALL, "all of them: shared trainings run once"))

@@ -11,7 +11,7 @@ import math
 import re
 import textwrap
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
@@ -517,45 +517,6 @@ def dots(
     return Chart(description, draw)
 
 
-def scatter(
-    series: Mapping[str, Sequence[tuple[str, Estimate, Estimate]]],
-    x_title: str,
-    y_title: str,
-    description: str,
-    *,
-    level: tuple[str, float] | None = None,
-) -> Chart:
-    """Draw points with whiskers in x and y, and each series' name to the right of its last point.
-
-    Args:
-        series: points (label, x, y) by the series' name; y is a share. A label is shown once,
-            where there is room.
-        x_title: title of the x-axis.
-        y_title: title of the y-axis.
-        description: text alternative for people who do not see the chart.
-        level: name and share of a dashed horizontal line, or None.
-    """
-
-    def draw(axes: "Axes") -> None:
-        ends = []
-        for number, (name, points) in enumerate(series.items()):
-            for _, x, y in points:
-                _draw_estimate(axes, x, y, number)
-            if points:
-                _, x, y = max(points, key=lambda point: point[1][0])
-                ends.append((x[0], y[0], name, _colour(number)))
-        if level is not None:
-            name, share = level
-            axes.axhline(share, color=LIGHT["soft"], linestyle="--", linewidth=1)
-            ends.append((axes.get_xlim()[1], share, name, LIGHT["soft"]))
-        _share_axis(axes, axes.get_ylim()[1])
-        _label_points(axes, series.values())
-        _name_ends(axes, ends)
-        _write_titles(axes, x_title, y_title)
-
-    return Chart(description, draw)
-
-
 def intervals(
     rows: Sequence[tuple[str, Estimate]],
     x_title: str,
@@ -750,41 +711,6 @@ def _step_axis(axes: "Axes", steps: Sequence[float]) -> None:
     axes.set_xlim(first, last if last > first else first + 1)
     axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10], integer=True))
     axes.xaxis.set_major_formatter(EngFormatter(sep=""))
-
-
-def _label_points(axes: "Axes", series: Iterable[Sequence[tuple[str, Estimate, Estimate]]]) -> None:
-    """Label points above or below their whiskers, where the label covers no point and no label."""
-    room = Labels(SMALL)
-    # Places before the layout, which moves the axes only a little.
-    place = axes.transData.transform
-    points = []
-    for number, labelled in enumerate(series):
-        # Labels of every second series lie below the points: those of two series overlap less.
-        sides = (-1, 1) if number % 2 else (1, -1)
-        for label, (x, *_), (y, low, high) in labelled:
-            across, up = place((x, y))
-            room.take(across - 4, across + 4, up)
-            ends = {-1: y if low is None else low, 1: y if high is None else high}
-            points.append((label, x, ends, sides))
-    labels: set[str] = set()
-    for label, x, ends, sides in points:
-        half = _SMALL_LETTER * len(label) / 2
-        for side in sides:
-            across, end = place((x, ends[side]))
-            # Ten points from the whisker to the middle of the text: a line of small letters.
-            middle = end + 10 * side
-            if label not in labels and room.take(across - half, across + half, middle):
-                labels.add(label)
-                axes.annotate(
-                    _clean(label),
-                    (x, ends[side]),
-                    (0, 10 * side),
-                    textcoords="offset points",
-                    ha="center",
-                    va="center",
-                    fontsize=SMALL,
-                    color=LIGHT["soft"],
-                )
 
 
 def _name_ends(axes: "Axes", ends: Sequence[tuple[float, float, str, str]]) -> None:

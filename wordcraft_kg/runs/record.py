@@ -169,7 +169,7 @@ def start_run(
         argv=_arguments(),
         started=_now(),
         ended=None,
-        versions=dict(_versions()),
+        versions=dict(package_versions()),
         git=_git_state(),
         inputs=dict(inputs or {}),
         seed=seed,
@@ -199,7 +199,7 @@ def resume_run(
     resumption = Resumption(
         started=_now(),
         argv=_arguments(),
-        versions=dict(_versions()),
+        versions=dict(package_versions()),
         git=_git_state(),
     )
     resumed = replace(
@@ -337,7 +337,7 @@ def _now() -> str:
 
 
 @cache
-def _versions() -> Mapping[str, str]:
+def package_versions() -> Mapping[str, str]:
     """Return the versions of Python and packages, the same while a process runs."""
     versions = {"wordcraft-kg": version("wordcraft-kg"), "python": platform.python_version()}
     for package in _PACKAGES:

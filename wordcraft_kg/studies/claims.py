@@ -18,8 +18,9 @@ other tasks: disjoint intervals) and else is not reproduced; it is not reproduce
 intervals lie within ±.02, and else undecided. A claim without runs is *not run*.
 
 Intervals for success are over seeds and over groups of tasks that the split holds out together,
-such as the tasks of a goal (:func:`~wordcraft_kg.base.statistics.crossed_difference`). Intervals
-for metrics per run, such as steps, are over seeds: mean ± t · s / √S, with Student's t. Differences
+such as the tasks of a goal, or over splits if each training has its own
+(:func:`~wordcraft_kg.base.statistics.crossed_difference`). Intervals for metrics per run, such as
+steps, are over seeds: mean ± t · s / √S, with Student's t. Differences
 are paired by seed, task and table. Verdicts are not corrected for multiple claims. With fewer than
 three seeds, a verdict other than *undecided* is marked as provisional.
 """
@@ -31,16 +32,15 @@ from typing import Literal, NamedTuple
 import msgspec
 import numpy as np
 
-from wordcraft_kg.base import ConfigError, Count, Record, counted
+from wordcraft_kg.base import ConfigError, Count, Record, Share, counted
 from wordcraft_kg.base.statistics import (
     FEWEST_PAIRS,
-    Groups,
-    Scores,
     crossed_difference,
     rate_interval,
     student_interval,
 )
-from wordcraft_kg.studies.results import RunResult, StudyResults, steps_to
+from wordcraft_kg.graphs import Ids
+from wordcraft_kg.studies.results import PlayedRates, RunResult, StudyResults, steps_to
 from wordcraft_kg.studies.study import Claim, Expected, Measure, Values, points_at
 
 Verdict = Literal["reproduced", "differs", "not reproduced", "undecided", "not run"]
@@ -75,6 +75,8 @@ class Measured(Record, frozen=True):
             over seeds alone.
         groups: number of task groups that the interval resamples; equal to ``tasks`` if each task
             is a group.
+        splits: number of splits, one for each training; 1 if all trainings have the same.
+        p_value: of no difference; None for a single seed.
     """
 
     values: Values
@@ -86,6 +88,8 @@ class Measured(Record, frozen=True):
     seeds: Count
     tasks: Count
     groups: Count
+    splits: Count = 1
+    p_value: Share | None = None
 
 
 class ClaimVerdict(Record, frozen=True):
@@ -209,21 +213,18 @@ class _Sides(NamedTuple):
 
     Attributes:
         seeds: common seeds, ascending.
-        left: shape (seeds, tasks) for success, else (seeds, 1).
-        right: the same shape.
-        groups: resampling group of each task, shape (tasks,); None if each task is a group.
+        left: rates by task for success, else a table of shape (seeds, 1).
+        right: the same, in the same shape.
     """
 
     seeds: list[int]
-    left: Scores
-    right: Scores
-    groups: Groups
+    left: PlayedRates
+    right: PlayedRates
 
-    def differences(self, seeds: Sequence[int]) -> Scores:
-        """Return left minus right for some of the seeds, in their order."""
-        rows = [self.seeds.index(seed) for seed in seeds]
-        differences = self.left - self.right
-        return differences[rows]
+    @property
+    def differences(self) -> PlayedRates:
+        """Left minus right."""
+        return self.left._replace(scores=self.left.scores - self.right.scores)
 
 
 def _sides(results: StudyResults, claim: Claim, point: Values) -> _Sides:
@@ -235,27 +236,31 @@ def _sides(results: StudyResults, claim: Claim, point: Values) -> _Sides:
     seeds = sorted(left.keys() & right.keys())
     runs = [left[seed] for seed in seeds]
     partners = [right[seed] for seed in seeds]
-    _check_runs(results, claim, point, runs + partners)
-    lefts = []
-    rights = []
-    for run, partner in zip(runs, partners, strict=True):
-        lefts.append(_metrics(claim.measure, run, partner))
-        rights.append(_metrics(claim.measure, partner, partner))
-    left_scores = np.array(lefts)
-    right_scores = np.array(rights)
+    _check_runs(results, claim, point, runs, partners)
+    if claim.measure == "success":
+        left_rates = results.rates_of(runs)
+        right_rates = results.rates_of(partners)
+    else:
+        pairs = list(zip(runs, partners, strict=True))
+        lefts = [[_metric(claim.measure, run, partner)] for run, partner in pairs]
+        rights = [[_metric(claim.measure, partner, partner)] for partner in partners]
+        left_rates = PlayedRates(np.array(lefts), None, None)
+        right_rates = PlayedRates(np.array(rights), None, None)
     if not claim.right:
-        right_scores = np.full_like(left_scores, claim.than)
-    # All runs have the same tasks, see _check_runs, and so the same groups.
-    groups = results.groups_of(runs[0]) if claim.measure == "success" else None
-    return _Sides(seeds, left_scores, right_scores, groups)
+        level = np.full_like(left_rates.scores, claim.than)
+        right_rates = left_rates._replace(scores=level)
+    return _Sides(seeds, left_rates, right_rates)
 
 
 def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
     sides = _sides(results, claim, point)
-    low, high = _interval(claim, sides.left, sides.right, sides.groups)
-    left = float(sides.left.mean())
-    right = float(sides.right.mean())
-    tasks = sides.left.shape[1] if claim.measure == "success" else 0
+    low, high = _interval(claim, sides)
+    p_value = None if len(sides.seeds) == 1 else _p_value(claim.measure, sides.differences)
+    left = sides.left.mean
+    right = sides.right.mean
+    tasks = sides.left.scores.shape[1] if claim.measure == "success" else 0
+    groups = sides.left.groups
+    splits = sides.left.splits
     return Measured(
         values=point,
         left=left,
@@ -265,8 +270,30 @@ def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
         high=high,
         seeds=len(sides.seeds),
         tasks=tasks,
-        groups=tasks if sides.groups is None else len(set(sides.groups)),
+        groups=tasks if groups is None else _number_of_groups(groups, splits),
+        splits=1 if splits is None else len(set(splits)),
+        p_value=p_value,
     )
+
+
+def _p_value(measure: Measure, differences: PlayedRates) -> float:
+    """Return the p-value of "no difference", from the interval's method."""
+    if measure == "success":
+        _, p_value = crossed_difference(*differences)
+        return p_value
+    by_seed = differences.scores[:, 0]
+    # Equal differences of all seeds have no spread to divide by.
+    if np.ptp(by_seed) == 0:
+        return 0.0 if by_seed[0] else 1.0
+    from scipy.stats import ttest_1samp
+
+    return float(ttest_1samp(by_seed, 0.0).pvalue)
+
+
+def _number_of_groups(groups: Ids, splits: Ids | None) -> int:
+    # Groups of different splits are different groups.
+    of_split = np.zeros_like(groups) if splits is None else splits
+    return len(np.unique(np.column_stack([of_split, groups]), axis=0))
 
 
 def _check_runs(
@@ -274,14 +301,18 @@ def _check_runs(
     claim: Claim,
     point: Values,
     runs: Sequence[RunResult],
+    partners: Sequence[RunResult],
 ) -> None:
     names = f"'{claim.left}' and '{claim.right}'"
     if not runs:
         raise ConfigError(f"no common seed for {names}, {_point(point)}")
-    if claim.measure in ("early", "steps") and not all(run.curve for run in runs):
+    every_run = [*runs, *partners]
+    if claim.measure in ("early", "steps") and not all(run.curve for run in every_run):
         raise ConfigError(f"no learning curves for {names}")
-    tasks = {results.tasks_of(run) for run in runs}
-    if claim.measure == "success" and len(tasks) > 1:
+    tasks = [results.tasks_of(run) for run in runs]
+    are_pairs = tasks == [results.tasks_of(partner) for partner in partners]
+    is_one_set = results.study.vary_split or len(set(tasks)) == 1
+    if claim.measure == "success" and not (are_pairs and is_one_set):
         raise ConfigError(f"{names} were tested on different tasks, {_point(point)}")
 
 
@@ -301,53 +332,43 @@ def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunRe
     raise ConfigError(f"no runs for '{variant}', {_point(point)}: {reason}")
 
 
-def _metrics(measure: Measure, run: RunResult, other: RunResult) -> Sequence[float] | Scores:
-    """Return a run's values: one for each test task for success, and else one.
-
-    ``other`` is the run of the right side.
-    """
-    if measure == "success":
-        return run.rates
+def _metric(measure: Measure, run: RunResult, partner: RunResult) -> float:
+    """Return a run's value of a measure other than success; ``partner`` is the right side's run."""
     if measure == "same_twice":
-        return [run.terminations["same_twice"]]
+        return run.terminations["same_twice"]
     if measure == "early":
         early = _EARLY * run.steps
         distances = [abs(step - early) for step, _ in run.curve]
         # The nearest point of the curve; of two equally near ones, the earlier.
         nearest = distances.index(min(distances))
         _, success = run.curve[nearest]
-        return [success]
-    _, end = other.curve[-1]
+        return success
+    _, end = partner.curve[-1]
     level = _REACHED * end
     # A curve that never gets there counts as all steps: leaving it out would favour the slower
     # side.
     steps = min(steps_to(run.curve, level), run.steps)
-    return [steps / run.steps]
+    return steps / run.steps
 
 
-def _interval(
-    claim: Claim,
-    left: Scores,
-    right: Scores,
-    groups: Groups,
-) -> tuple[float, float] | tuple[None, None]:
+def _interval(claim: Claim, sides: _Sides) -> tuple[float, float] | tuple[None, None]:
     # An interval over tasks alone would be about two trainings, but the claim is about agents.
-    if len(left) == 1:
+    if len(sides.seeds) == 1:
         return None, None
     if claim.measure == "success" and claim.than is not None:
         # One side is exact, so the interval of the other is that of the difference, moved.
-        low, high = rate_interval(left, groups)
+        low, high = rate_interval(*sides.left)
         return low - claim.than, high - claim.than
-    differences = left - right
+    differences = sides.differences
     if claim.measure == "success":
-        (_, low, high), _ = crossed_difference(differences, groups)
+        (_, low, high), _ = crossed_difference(*differences)
         return low, high
     # Shares lie in [0, 1], and so their differences in [-1, 1]: no interval reaches beyond.
     within = (-1.0, 1.0)
     if claim.than is not None:
         within = (-claim.than, 1 - claim.than)
     # One value for each seed, shape (seeds,).
-    by_seed = differences[:, 0]
+    by_seed = differences.scores[:, 0]
     return student_interval(by_seed, within=within) or (None, None)
 
 
@@ -445,24 +466,24 @@ def _varies(
 def _changes(results: StudyResults, claim: Claim, one: Measured, other: Measured) -> bool:
     """Return whether the difference of the sides changes significantly between two points.
 
-    At points with the same tasks, trainings of the same seed are compared task by task. This
-    removes the variation that both points share, so that smaller changes are found. Other tasks
-    have no counterparts, and too few common seeds no interval: then the points' own intervals must
+    At points with the same tasks and seeds, trainings of the same seed are compared task by task.
+    This removes the variation that both points share, so that smaller changes are found. Other
+    tasks have no counterparts, and too few seeds no interval: then the points' own intervals must
     be disjoint.
     """
     first_sides = _sides(results, claim, one.values)
     second_sides = _sides(results, claim, other.values)
-    common = sorted(set(first_sides.seeds) & set(second_sides.seeds))
+    has_same_seeds = first_sides.seeds == second_sides.seeds
     has_same_tasks = _tasks(results, claim, one) == _tasks(results, claim, other)
-    if not has_same_tasks or len(common) < FEWEST_PAIRS:
+    is_paired = has_same_seeds and has_same_tasks
+    if not is_paired or len(first_sides.seeds) < FEWEST_PAIRS:
         greatest_low = max(one.low or 0, other.low or 0)
         least_high = min(one.high or 0, other.high or 0)
         return greatest_low > least_high
     # A value that the claim names is the same at both points, and so cancels in the change.
     difference_claim = msgspec.structs.replace(claim, than=None)
-    differences_here = first_sides.differences(common)
-    differences_there = second_sides.differences(common)
-    low, high = _interval(difference_claim, differences_here, differences_there, first_sides.groups)
+    change = _Sides(first_sides.seeds, first_sides.differences, second_sides.differences)
+    low, high = _interval(difference_claim, change)
     if low is None or high is None:
         return False
     return low > 0 or high < 0
@@ -495,7 +516,7 @@ def in_words(claim: ClaimVerdict, measured: Measured, mark: str = "") -> str:
     # A single seed has no interval.
     if measured.low is not None:
         difference += f" [{signed(measured.low)}, {signed(measured.high)}]"
-    size = counted(measured.seeds, "seed")
+    size = counted(measured.seeds, "split" if measured.splits > 1 else "seed")
     # 0 tasks: the measure has one value for each training.
     if measured.tasks:
         size += f", {counted(measured.tasks, 'task')}"

@@ -25,7 +25,7 @@ from wordcraft_kg.graphs import (
     write_graph_folder,
 )
 from wordcraft_kg.runs.config_file import RunConfig
-from wordcraft_kg.runs.record import RunFiles, read_run
+from wordcraft_kg.runs.record import RunFiles, package_versions, read_run
 from wordcraft_kg.runs.run_folder import locked
 from wordcraft_kg.studies.plan import Kind, Outcome, Task, agent_config, content_of, scorer_config
 from wordcraft_kg.studies.results import (
@@ -36,8 +36,10 @@ from wordcraft_kg.studies.results import (
     read_metrics,
     write_metrics,
 )
+from wordcraft_kg.studies.study import PLAYER
 
 if TYPE_CHECKING:
+    from wordcraft_kg.agents.players import Player
     from wordcraft_kg.runs.training import Training
 
 T = TypeVar("T")
@@ -201,6 +203,8 @@ def _clear(folder: Path) -> None:
 def _run(task: Task, root: Path, keep_all: bool) -> bool:
     from wordcraft_kg.agents.training import AgentTraining
 
+    if PLAYER in task.settings["settings"]:
+        return _play(task, root)
     folder = task.folder(root)
     inputs = [str(root / address) for address in task.needs]
     graph = inputs[0]
@@ -214,6 +218,52 @@ def _run(task: Task, root: Path, keep_all: bool) -> bool:
     if not keep_all:
         for name in _LARGE:
             (folder / name).unlink()
+    return True
+
+
+def _play(task: Task, root: Path) -> bool:
+    """Let a player without training play the test tasks, and write its results."""
+    from wordcraft_kg.agents import players
+    from wordcraft_kg.agents.config import TaskConfig
+    from wordcraft_kg.agents.evaluation import Evaluator
+    from wordcraft_kg.envs.world import World
+    from wordcraft_kg.models.folder import open_model
+    from wordcraft_kg.models.policies.config import PolicyConfig
+    from wordcraft_kg.models.scorers.features import make_features
+
+    began = time.perf_counter()
+    settings = dict(task.settings["settings"])
+    name = settings.pop(PLAYER)
+    features = settings.pop("features", PolicyConfig.features)
+    opened = open_graph(str(root / task.needs[0]))
+    if name == "random pair":
+        player: Player = players.random_distinct
+    elif name == "nearest words":
+        vectors = make_features(features, opened.graph.entities).unit_vectors
+        player = players.nearest_words(vectors)
+    else:
+        model = open_model(root / task.needs[1])
+        by_name = players.scorer_players(opened.graph, model.scorer, model.triples, plans=True)
+        player = by_name[{"best pair": players.BEST_PAIR, "planner": players.PLANNER}[name]]
+    evaluator = Evaluator(World(opened, TaskConfig(**settings).environment("test")))
+    result = evaluator(player)
+    figures = RunMetrics(
+        seconds=round(time.perf_counter() - began, 3),
+        versions=dict(package_versions()),
+        platform=platform_of(task.device),
+        graph=PlayedGraph.of(opened),
+        success={"test": float(result.success.mean())},
+        by_plan={"test": float(result.by_plan.mean())},
+        terminations={str(reason): share for reason, share in result.shares().items()},
+        won="".join(map(str, result.success.sum(axis=1))),
+        distractor_seeds=evaluator.distractor_seeds,
+        curve=(),
+        steps=0,
+        steps_per_second=0,
+    )
+    folder = task.folder(root)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_metrics(folder, figures)
     return True
 
 

@@ -46,6 +46,7 @@ from wordcraft_kg.models.scorers.features import ENCODED, named
 from wordcraft_kg.studies.study import (
     OF_AGENT,
     OF_GRAPH,
+    PLAYER,
     SCORER,
     SCORER_SETTINGS,
     Study,
@@ -374,6 +375,8 @@ class _Planner:
 
     def _agent(self, cell: StudyCell, graph: str, scorer: str | None) -> str:
         """Return the address of a cell's run."""
+        if PLAYER in cell.settings:
+            return self._player(cell, graph, scorer)
         # A scorer that learns from nothing leaves its agent without settings for knowledge.
         is_without_knowledge = scorer is None and SCORER in cell.settings
         agent_settings: dict[str, Any] = {}
@@ -408,6 +411,19 @@ class _Planner:
         needs = (graph,) if scorer is None else (graph, scorer)
         trainer = config.trainer
         return self._add("runs", described, title, needs, trainer.threads, trainer.device)
+
+    def _player(self, cell: StudyCell, graph: str, scorer: str | None) -> str:
+        """Return the address of the games of a player without training.
+
+        They have no seed: their tables and the player's choices are those of each evaluation.
+        """
+        names = [PLAYER, "features", *(field.name for field in fields(TaskConfig))]
+        settings = {name: cell.settings[name] for name in names if name in cell.settings}
+        described = {"graph": graph, "scorer": scorer, "settings": settings}
+        described |= self._content(settings.get("features"))
+        title = f"{cell.variant}{_values(cell.values)}, {self.tasks[graph].title}"
+        needs = (graph,) if scorer is None else (graph, scorer)
+        return self._add("runs", described, title, needs)
 
     def _content(self, features: Value | None) -> dict[str, str]:
         """Return :func:`content_of`; files are large, and many cells share them."""

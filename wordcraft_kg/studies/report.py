@@ -11,14 +11,12 @@ import pandas as pd
 
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.reports import charts
-from wordcraft_kg.reports.charts import Chart, Estimate
+from wordcraft_kg.reports.charts import Chart
 from wordcraft_kg.reports.pages import Report, write_report
 from wordcraft_kg.studies.claims import ClaimVerdict, in_words
 from wordcraft_kg.studies.view import (
-    Correlation,
     Interval,
     PointMetrics,
-    ScorerScatter,
     StudyView,
     VariantMetrics,
     title_of,
@@ -145,10 +143,15 @@ _COLUMNS: tuple[_Column, ...] = (
 
 def notes(view: StudyView) -> list[str]:
     """Return sentences that explain the columns of :func:`tables_of`."""
+    about_intervals = (
+        "over seeds and tasks, that is, for other such tasks too, and over seeds alone (Student's "
+        "t), for these tasks"
+    )
+    if view.vary_split:
+        about_intervals = "over splits, of which each training has its own"
     sentences = [
         "Success: share of episodes on test tasks in which the greedy agent makes the goal, with "
-        "95 % intervals: over seeds and tasks, that is, for other such tasks too, and over seeds "
-        "alone (Student's t), for these tasks."
+        f"95 % intervals: {about_intervals}."
     ]
     entries = _entries(view)
     if any(entry.comparison for entry in entries):
@@ -157,7 +160,7 @@ def notes(view: StudyView) -> list[str]:
             corrected = f"; corrected by Holm for {counted(view.comparisons, 'comparison')}"
         sentences += [
             f"Differences are to {view.reference}, paired by seed and task, with intervals over "
-            "both.",
+            f"{view.resampled}.",
             "Reached after: environment steps until the mean learning curve reaches where that of "
             f"{view.reference} ends, with the interval over seeds.",
             "p: of no difference, the level at which the interval of the difference reaches 0, "
@@ -233,7 +236,7 @@ def lines_of(view: StudyView) -> Iterator[str]:
     yield f"{view.title}: success on test tasks"
     for point in view.points:
         yield from _lines_of_point(point)
-    yield f"intervals: 95 % over seeds and tasks{_compared(view)}"
+    yield f"intervals: 95 % over {view.resampled}{_compared(view)}"
     yield from _lines_of_claims(view.claims)
     if view.missing:
         first = view.missing[0]
@@ -335,7 +338,6 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
             "tables": tables_of(view),
             "notes": notes(view),
             "counted": counted,
-            "correlation": _correlation,
             "title": title_of,
             "words": in_words,
             "claims": claims,
@@ -348,26 +350,13 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
     )
 
 
-def _correlation(of: Correlation | None) -> str:
-    """Format a correlation with its interval; a dash without one."""
-    return with_bounds(of.value, (of.low, of.high), ".2f") if of else "–"
-
-
 def study_figure(view: StudyView) -> str:
     """Return a study's picture as the text of an SVG file, with a chart for each grid point."""
     return charts.as_file(list(panels_of(view).items()), view.title)
 
 
 def panels_of(view: StudyView) -> dict[str, Chart]:
-    """Return a chart for each grid point, by caption.
-
-    A "scatter" study has a single chart for all scorer settings.
-    """
-    if view.drawing == "scatter" and view.scatters:
-        by_title: dict[str, list[ScorerScatter]] = {}
-        for scatter in view.scatters:
-            by_title.setdefault(title_of(scatter.values), []).append(scatter)
-        return {title: _scatter(view, scatters) for title, scatters in by_title.items()}
+    """Return a chart for each grid point, by caption."""
     panels = {}
     for point in view.points:
         has_curves = any(len(entry.curve) > 1 for entry in point.variants)
@@ -383,15 +372,22 @@ def _curves(view: StudyView, point: PointMetrics) -> Chart:
     for at in view.points:
         for entry in at.variants:
             colours.setdefault(entry.variant, len(colours))
-    series = {}
+    series: dict[str, list[tuple[int, float, float | None, float | None]]] = {}
+    last_step = max(at.step for entry in point.variants for at in entry.curve)
+    without_curve = []
     for entry in sorted(point.variants, key=lambda entry: colours[entry.variant]):
         series[entry.variant] = [(at.step, at.success, at.low, at.high) for at in entry.curve]
+        # A player without training is a level from the first step to the last.
+        if not entry.curve:
+            without_curve.append(entry.variant)
+            series[entry.variant] = [(step, entry.mean, None, None) for step in (0, last_step)]
     return charts.curves(
         series,
         "environment steps",
         _SUCCESS,
         f"Success of each variant over training, {point.title}",
         percent=True,
+        dashed=without_curve,
         colours={name: colours[name] for name in series},
     )
 
@@ -407,35 +403,8 @@ def _bars(view: StudyView, point: PointMetrics) -> Chart:
             reference = entry.mean
     return charts.intervals(
         rows,
-        "success on test tasks, 95 % over seeds and tasks",
+        f"success on test tasks, 95 % over {view.resampled}",
         f"Success of each variant, {point.title}",
         reference=reference,
         percent=True,
-    )
-
-
-def _scatter(view: StudyView, scatters: list[ScorerScatter]) -> Chart:
-    """Draw the success of agents by the MRR of their scorers, and that of one without a scorer."""
-    # Labels name the variants only if a chart has agents of several.
-    has_several = False
-    for scatter in scatters:
-        agents = {at.variant for at in scatter.points}
-        has_several = has_several or len(agents) > 1
-    series: dict[str, list[tuple[str, Estimate, Estimate]]] = {}
-    for scatter in scatters:
-        scoring = "in-sample" if scatter.in_sample else "cross-fitted"
-        for at in scatter.points:
-            # One agent alone needs no name: what then tells points apart is how train tasks are
-            # scored.
-            name = at.variant if has_several else scoring
-            mrr: Estimate = (at.mrr, *at.mrr_range)
-            success: Estimate = (at.success, *at.interval)
-            series.setdefault(name, []).append((at.label, mrr, success))
-    without = next((scatter.without for scatter in scatters if scatter.without is not None), None)
-    return charts.scatter(
-        series,
-        "leak-free MRR of the scorer on test triples",
-        _SUCCESS,
-        "Success by the MRR of the scorer",
-        level=None if without is None else (view.reference, without),
     )

@@ -15,11 +15,11 @@ import hashlib
 import json
 import logging
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
@@ -206,6 +206,29 @@ class Origin(Record, frozen=True):
     runs: Count
 
 
+class PlayedRates(NamedTuple):
+    """Success rates of runs, by task.
+
+    Attributes:
+        scores: shape (S runs, K tasks); of runs on one split each, all tasks in a row, shape (1,
+            sum of K).
+        groups: resampling group of each task, in a row; None if not recorded.
+        splits: number of each task's split, in a row; None if all runs played the same tasks.
+    """
+
+    scores: NDArray[np.float64]
+    groups: NDArray[np.int64] | None
+    splits: NDArray[np.int64] | None
+
+    @property
+    def mean(self) -> float:
+        """Mean over runs and tasks; of several splits, the mean of their means."""
+        if self.splits is None:
+            return float(self.scores.mean())
+        by_split = np.bincount(self.splits, self.scores[0]) / np.bincount(self.splits)
+        return float(by_split.mean())
+
+
 class StudyResults(Record, frozen=True):
     """A study with all command line changes, and the results of its trainings (``results.json``).
 
@@ -256,6 +279,17 @@ class StudyResults(Record, frozen=True):
         if run.groups is None:
             return None
         return np.array(self.groups[run.groups], dtype=np.int64)
+
+    def rates_of(self, runs: Sequence[RunResult]) -> PlayedRates:
+        """Return the success rates of runs that played the same tasks, or a split each."""
+        rates = [run.rates for run in runs]
+        groups = [self.groups_of(run) for run in runs]
+        if len({self.tasks_of(run) for run in runs}) == 1:
+            return PlayedRates(np.array(rates), groups[0], None)
+        splits = np.repeat(np.arange(len(runs)), [len(row) for row in rates])
+        known = [numbers for numbers in groups if numbers is not None]
+        joined = np.concatenate(known) if len(known) == len(runs) else None
+        return PlayedRates(np.concatenate(rates)[None], joined, splits)
 
     def tasks_of(self, run: RunResult) -> tuple[str, str, int, int]:
         """Return what identifies a run's test tasks: graph hash, split hash, tasks, tables."""

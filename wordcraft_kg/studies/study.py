@@ -26,11 +26,8 @@ from wordcraft_kg.models.recipes.config import RecipeScorerConfig
 
 Value = str | int | float | bool
 Values = dict[str, Value]
-Drawing = Literal["curves", "bars", "scatter"]
-"""The picture to draw.
-
-Success by training step, each variant's final success, or final success by the scorer's MRR.
-"""
+Drawing = Literal["curves", "bars"]
+"""The picture to draw: success by training step, or each variant's final success."""
 
 Expected = Literal["more", "less", "comparable", "varies"]
 Measure = Literal["success", "early", "steps", "same_twice"]
@@ -59,6 +56,11 @@ for _command, _kind in _TRAINED_SCORERS.items():
     _names = {field.name for field in fields(_kind)}
     # A study keeps finished scorers only, so the distance of checkpoints changes nothing.
     SCORER_SETTINGS[_command] = frozenset(_names - {"checkpoint_every"})
+PLAYER = "player"
+"""The setting of a variant that names a player without training, in place of an agent."""
+PLAYERS = ("random pair", "nearest words", "best pair", "planner")
+"""Players without training: chance, words, and a recipe scorer alone, without or with plans."""
+_WITH_SCORER = PLAYERS[2:]
 NO_SETTINGS = ("seed", "checkpoint_every")
 """Options that are set by the study or change no result."""
 
@@ -128,6 +130,8 @@ class Study(Record, omit_defaults=True):
         source: publication and place of the comparison, such as a figure of the paper.
         seeds: trainings per variant and grid point, with seeds from 0; scorers without a seed use
             the agent's seed.
+        vary_split: whether each training also has its own split, with the training's seed as
+            ``split_seed``, so that means and intervals are about splits of the book.
         drawing: kind of picture.
         reference: the variant that all variants are compared with. Default: the first.
         settings: settings of all trainings; variants and the grid override them.
@@ -152,6 +156,7 @@ class Study(Record, omit_defaults=True):
     about: str = ""
     source: str = ""
     seeds: int = 5
+    vary_split: bool = False
     drawing: Drawing = "curves"
     reference: str = ""
     settings: Values = msgspec.field(default_factory=dict)
@@ -295,6 +300,17 @@ def check_study(study: Study, source: str = "study") -> None:
             f"{', '.join(study.variants)}."
             f"{nearest(study.reference, study.variants)}"
         )
+    tables: list[dict[str, Any]] = [
+        study.settings,
+        study.grid,
+        *study.points,
+        *study.variants.values(),
+    ]
+    if study.vary_split and any("split_seed" in table for table in tables):
+        raise ConfigError(
+            f"{source}: `split_seed` is set, but with `vary_split` it is each training's seed; "
+            "remove one of the two."
+        )
     _check_scorers(study, source)
     _check_settings(study, source)
     _check_grid(study, source)
@@ -327,6 +343,7 @@ def _check_settings(study: Study, source: str) -> None:
     # Which scorer a variant names is not known here, so a setting of any scorer passes.
     scorer_settings = {f"{SCORER}.{name}" for name in chain.from_iterable(SCORER_SETTINGS.values())}
     allowed_settings = {SCORER, *OF_GRAPH, *OF_AGENT, *scorer_settings} - set(NO_SETTINGS)
+    allowed_of_variant = {PLAYER, *allowed_settings}
     _known(source, "settings.", study.settings, allowed_settings)
     _known(source, "grid.", study.grid, allowed_settings)
     _known(source, "search.", study.search, allowed_settings)
@@ -335,13 +352,25 @@ def _check_settings(study: Study, source: str) -> None:
     varied = {*study.grid, *study.search, *chain.from_iterable(study.points)}
     for variant, settings in study.variants.items():
         prefix = f"variants.{variant}."
-        _known(source, prefix, settings, allowed_settings)
+        _known(source, prefix, settings, allowed_of_variant)
+        _check_player(f"{source}: {prefix}{PLAYER}", settings)
         for name in settings:
             if name in varied:
                 raise ConfigError(
                     f"{source}: {prefix}{name} is also in the grid or search; remove the setting "
                     "from the variant."
                 )
+
+
+def _check_player(name: str, settings: Values) -> None:
+    if PLAYER not in settings:
+        return
+    player = settings[PLAYER]
+    if player not in PLAYERS:
+        hint = nearest(str(player), PLAYERS)
+        raise ConfigError(f"{name} is {player!r}; expected one of {', '.join(PLAYERS)}.{hint}")
+    if player in _WITH_SCORER and SCORER not in settings:
+        raise ConfigError(f"{name} is {player!r}, which plays by a scorer; give `{SCORER}`, too.")
 
 
 def _check_grid(study: Study, source: str) -> None:
@@ -437,7 +466,8 @@ def cells_of(study: Study) -> list[StudyCell]:
                 for key in unused:
                     del merged[key]
             for seed in range(study.seeds):
-                cells.append(StudyCell(name, values, seed, merged))
+                split = {"split_seed": seed} if study.vary_split else {}
+                cells.append(StudyCell(name, values, seed, {**merged, **split}))
     return cells
 
 

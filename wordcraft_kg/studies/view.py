@@ -4,7 +4,7 @@ It has means, intervals, differences to the reference, and success by scorer MRR
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import msgspec
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from wordcraft_kg.base import ConfigError, Count, Record, Share
 from wordcraft_kg.base.statistics import (
     FEWEST_PAIRS,
-    correlation,
     crossed_difference,
     holm,
     rate_interval,
@@ -25,7 +24,7 @@ from wordcraft_kg.evaluation.agent_metrics import CurvePoint
 from wordcraft_kg.graphs.folder import PlayedGraph
 from wordcraft_kg.studies.claims import ClaimVerdict, view_claims
 from wordcraft_kg.studies.results import Missing, Origin, RunResult, StudyResults, steps_to
-from wordcraft_kg.studies.study import SCORER, Drawing, Value, Values
+from wordcraft_kg.studies.study import Drawing, Value, Values
 
 Interval = tuple[float, float]
 """Lower and upper end."""
@@ -62,9 +61,9 @@ class VariantMetrics(Record):
         success: success rate of each run on test tasks.
         mean: mean of ``success``.
         seed_interval: interval for ``mean`` over seeds, by Student's t, for the same tasks; None
-            for a single seed.
+            for a single seed, and for runs on different splits.
         interval: interval for ``mean`` over seeds and groups of tasks, such as goals; over tasks
-            for a single seed.
+            for a single seed; over splits if each run has its own.
         by_plan: mean share of episodes in which the last pair of a plan made the goal.
         train: mean success on train tasks; None if not measured for every run.
         mrr: mean MRR of the agents' scorers on test triples outside training; None without a
@@ -110,7 +109,7 @@ class PointMetrics(Record):
         title: the settings in words; graph and split without a grid.
         graphs: graphs with which the variants were evaluated, in the order of the variants; usually
             one.
-        tasks: number of test tasks.
+        tasks: number of test tasks, of all splits together.
         distractor_seeds: episodes of each task, with other distractors each.
         variants: results of the variants that have runs, in the order of the study.
     """
@@ -134,11 +133,12 @@ def metrics_of(
     Args:
         results: the study, which knows the groups of test tasks.
         variant: name of the variant.
-        members: the variant's runs, at least one, all on the same test tasks.
+        members: the variant's runs, at least one, all on the same test tasks or on a split each.
         base: runs of the reference at the same point; empty if there are none. The reference itself
             is recognised by being the same list.
     """
     success = [run.success["test"] for run in members]
+    rates = results.rates_of(members)
     # Runs of earlier studies may lack train tasks or a scorer: these lists may be shorter.
     train = [run.success["train"] for run in members if "train" in run.success]
     mrr = [run.mrr for run in members if run.mrr is not None]
@@ -150,8 +150,8 @@ def metrics_of(
         seeds=tuple(run.seed for run in members),
         success=tuple(success),
         mean=mean_of(success),
-        seed_interval=student_interval(success),
-        interval=rate_interval(_table(members), results.groups_of(members[0])),
+        seed_interval=student_interval(success) if rates.splits is None else None,
+        interval=rate_interval(*rates),
         by_plan=mean_of(by_plan),
         # A mean of some runs would stand beside the success of all.
         train=mean_of(train) if len(train) == len(members) else None,
@@ -172,26 +172,23 @@ def mean_of(values: Sequence[float]) -> float:
     return math.fsum(values) / len(values)
 
 
-def _table(members: Sequence[RunResult]) -> NDArray[np.float64]:
-    """Return the success rates of runs, shape (runs, tasks)."""
-    return np.array([run.rates for run in members])
-
-
 def _comparison(
     results: StudyResults,
     members: list[RunResult],
     base: list[RunResult],
 ) -> VariantComparison | None:
     by_seed = {run.seed: run for run in base}
-    paired = [run for run in members if run.seed in by_seed]
+    paired = []
+    for run in members:
+        partner = by_seed.get(run.seed)
+        # Only the same task, with the same distractors, makes a pair.
+        if partner is not None and results.tasks_of(run) == results.tasks_of(partner):
+            paired.append(run)
     if members is base or not paired:
         return None
-    # Only the same task, with the same distractors, makes a pair.
-    if results.tasks_of(members[0]) != results.tasks_of(base[0]):
-        return None
-    partners = [by_seed[run.seed] for run in paired]
-    differences = _table(paired) - _table(partners)
-    (difference, low, high), exact = crossed_difference(differences, results.groups_of(base[0]))
+    rates = results.rates_of([by_seed[run.seed] for run in paired])
+    differences = results.rates_of(paired).scores - rates.scores
+    (difference, low, high), exact = crossed_difference(differences, rates.groups, rates.splits)
     p_value = exact if len(paired) >= FEWEST_PAIRS else None
     # Holm's correction needs all comparisons of the study; the summary of the study fills it in.
     return VariantComparison(difference, (low, high), len(paired), p_value, p_corrected=p_value)
@@ -254,176 +251,6 @@ def _reached(
     return reached, (first(high), first(low))
 
 
-_EVERYTHING: Values = {"train_fraction": 1, "label_noise": 0}
-"""Settings for a scorer trained on all recipes without noise."""
-
-
-class Correlation(Record, array_like=True):
-    """A correlation coefficient over the points of a plot.
-
-    Attributes:
-        value: coefficient, -1 to 1.
-        low: lower end of its 95 % interval over the points.
-        high: upper end.
-    """
-
-    value: float
-    low: float
-    high: float
-
-
-class ScatterPoint(Record):
-    """Success of an agent (a variant) and MRR of its scorer, as in :class:`VariantMetrics`.
-
-    Attributes:
-        label: the scorer settings that distinguish the point, else the variant.
-        variant: name of the variant.
-        mrr: mean MRR of the scorers.
-        mrr_range: least and greatest MRR.
-        success: mean success on test tasks.
-        interval: 95 % interval of ``success`` over seeds and groups of tasks.
-        reached: steps to the reference's final success; None for never.
-    """
-
-    label: str
-    variant: str
-    mrr: Share
-    mrr_range: Interval
-    success: Share
-    interval: Interval
-    reached: Count | None
-
-
-class ScorerScatter(Record):
-    """Agents' success against their scorers' MRR, with all further settings equal.
-
-    Attributes:
-        values: these further grid settings.
-        in_sample: whether train tasks have scores from a scorer trained on the same recipes.
-        points: a point for each agent and scorer setting, by ascending MRR.
-        pearson: correlation of MRR and success; None for fewer than three points.
-        spearman: rank correlation of MRR and success, or None.
-        steps_spearman: rank correlation of MRR and the steps to the reference's success; "not
-            reached" is latest.
-        without: success of the reference agent, if it has no scorer.
-    """
-
-    values: Values
-    in_sample: bool
-    points: tuple[ScatterPoint, ...]
-    pearson: Correlation | None
-    spearman: Correlation | None
-    steps_spearman: Correlation | None
-    without: Share | None
-
-
-def scatters_of(
-    results: StudyResults,
-    points: Sequence[PointMetrics],
-    reference: str,
-) -> Iterator[ScorerScatter]:
-    """Yield a plot for each combination of settings other than the scorer's.
-
-    In-sample scores are apart.
-
-    Args:
-        results: the study, for the settings of its variants.
-        points: results of all grid points; variants without MRR are left out.
-        reference: name of the reference variant.
-    """
-    groups: dict[bytes, list[tuple[PointMetrics, VariantMetrics]]] = {}
-    for point in points:
-        for entry in point.variants:
-            if entry.mrr is None:
-                continue
-            # In-sample scores are better on train tasks than on test tasks: their MRR means less.
-            described = (_others(point), _is_in_sample(results, point, entry))
-            key = msgspec.json.encode(described, order="sorted")
-            groups.setdefault(key, []).append((point, entry))
-    for members in groups.values():
-        rows = [_scatter_point(point, entry) for point, entry in members]
-        bare: list[float] = []
-        for point, _ in members:
-            for at in point.variants:
-                if at.variant == reference and at.mrr is None:
-                    bare.append(at.mean)
-        mrr = [at.mrr for at in rows]
-        success = [at.success for at in rows]
-        # One step after the latest arrival: ranks need an order, not a duration.
-        never = 1 + max(at.reached or 0 for at in rows)
-        reached = [never if at.reached is None else at.reached for at in rows]
-        first_point, first_entry = members[0]
-        yield ScorerScatter(
-            values=_others(first_point),
-            in_sample=_is_in_sample(results, first_point, first_entry),
-            points=tuple(sorted(rows, key=lambda at: (at.mrr, at.label))),
-            pearson=_correlation(mrr, success, "pearson"),
-            spearman=_correlation(mrr, success, "spearman"),
-            steps_spearman=_correlation(mrr, reached, "spearman"),
-            without=mean_of(bare) if bare else None,
-        )
-
-
-def _others(point: PointMetrics) -> Values:
-    """Return a point's settings without those of the scorer."""
-    prefix = f"{SCORER}."
-    return {name: value for name, value in point.values.items() if not name.startswith(prefix)}
-
-
-def _is_in_sample(results: StudyResults, point: PointMetrics, entry: VariantMetrics) -> bool:
-    settings = {
-        **results.study.settings,
-        **point.values,
-        **results.study.variants.get(entry.variant, {}),
-    }
-    return settings.get("in_sample") is True
-
-
-def _scatter_point(point: PointMetrics, at: VariantMetrics) -> ScatterPoint:
-    assert at.mrr is not None
-    assert at.mrr_range is not None
-    return ScatterPoint(
-        label=_label(point, at.variant),
-        variant=at.variant,
-        mrr=at.mrr,
-        mrr_range=at.mrr_range,
-        success=at.mean,
-        interval=at.interval,
-        reached=at.reached,
-    )
-
-
-def _correlation(
-    x: Sequence[float],
-    y: Sequence[float],
-    kind: Literal["pearson", "spearman"],
-) -> Correlation | None:
-    estimate = correlation(x, y, kind)
-    return Correlation(*estimate) if estimate else None
-
-
-def _label(point: PointMetrics, variant: str) -> str:
-    """Return the scorer settings that are not at full training data.
-
-    Without any, the first setting, or else the variant.
-    """
-    prefix = f"{SCORER}."
-    values = {}
-    for name, value in point.values.items():
-        if name.startswith(prefix):
-            values[name.removeprefix(prefix)] = value
-    # Settings at their full value do not distinguish points; a point with all of them needs a
-    # label, too.
-    differing = [name for name in values if values[name] != _EVERYTHING.get(name)]
-    first = list(values)[:1]
-    shown: list[str] = []
-    for name in differing or first:
-        value = values[name]
-        text = f"{value:g}" if isinstance(value, float) else str(value)
-        shown.append(f"{name} {text}")
-    return ", ".join(shown) or variant
-
-
 class StudyView(Record):
     """All numbers in a study report (``report.json``).
 
@@ -436,8 +263,8 @@ class StudyView(Record):
         command: the command that ran the study.
         drawing: kind of picture.
         reference: the variant that all others are compared with.
+        vary_split: whether each training has its own split.
         points: results at each grid point that has runs, in the order of the runs.
-        scatters: success by the scorers' MRR; empty unless ``drawing`` is "scatter".
         comparisons: number of comparisons with a p-value; Holm's correction is over these.
         claims: the study's claims with their verdicts.
         missing: trainings without results, with reasons.
@@ -454,14 +281,19 @@ class StudyView(Record):
     command: str
     drawing: Drawing
     reference: str
+    vary_split: bool
     points: Annotated[tuple[PointMetrics, ...], msgspec.Meta(min_length=1)]
-    scatters: tuple[ScorerScatter, ...]
     comparisons: Count
     claims: tuple[ClaimVerdict, ...]
     missing: tuple[Missing, ...]
     versions: dict[str, str]
     hours: float
     origins: tuple[Origin, ...] = ()
+
+    @property
+    def resampled(self) -> str:
+        """What the intervals of success are about, in words."""
+        return "splits" if self.vary_split else "seeds and tasks"
 
 
 Runs = dict[str, list[RunResult]]
@@ -479,7 +311,6 @@ def view_study(results: StudyResults) -> StudyView:
     reference = study.reference or next(iter(study.variants))
     points = [_point(results, values, runs, reference) for values, runs in _cells(results)]
     points = _corrected(points)
-    is_scatter = study.drawing == "scatter"
     return StudyView(
         format="wordcraft-kg study report 1",
         name=results.name,
@@ -489,8 +320,8 @@ def view_study(results: StudyResults) -> StudyView:
         command=results.command,
         drawing=study.drawing,
         reference=reference,
+        vary_split=study.vary_split,
         points=tuple(points),
-        scatters=tuple(scatters_of(results, points, reference)) if is_scatter else (),
         comparisons=len(_p_values(points)),
         claims=view_claims(results),
         missing=results.missing,
@@ -568,8 +399,11 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
     first = members[0]
     seeds: set[int] = set()
     for run in members:
-        # A mean over seeds is about one set of tasks.
-        if results.tasks_of(run) != results.tasks_of(first):
+        # A mean over seeds is about one set of tasks, unless each has a split by the study's plan.
+        is_alike = results.tasks_of(run) == results.tasks_of(first)
+        if results.study.vary_split:
+            is_alike = _book_and_tables(results, run) == _book_and_tables(results, first)
+        if not is_alike:
             raise ConfigError(
                 f"{cell}: seeds {first.seed} and {run.seed} were played on different graphs, "
                 f"splits or tasks ({_played(results, first)}; {_played(results, run)}), so their "
@@ -585,6 +419,11 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
         seeds.add(run.seed)
 
 
+def _book_and_tables(results: StudyResults, run: RunResult) -> tuple[str, str, int]:
+    graph = results.graphs[run.graph]
+    return graph.hash, graph.kind, run.distractor_seeds
+
+
 def _played(results: StudyResults, run: RunResult) -> str:
     graph = results.graphs[run.graph].in_words
     return f"{graph}, {len(run.won):,} tasks, {run.distractor_seeds} distractor seeds"
@@ -596,19 +435,20 @@ def _point(results: StudyResults, values: Values, runs: Runs, reference: str) ->
     graphs = {}
     for name, members in runs.items():
         variants.append(metrics_of(results, name, members, base))
-        # All runs of a variant at a point have one graph, see `_check_alike`.
-        number = members[0].graph
-        graphs[number] = results.graphs[number]
-    first = next(iter(runs.values()))[0]
+        for run in members:
+            graphs[run.graph] = results.graphs[run.graph]
+    first_runs = next(iter(runs.values()))
+    num_tasks = results.rates_of(first_runs).scores.shape[1]
     title = title_of(values)
     if not values:
-        title = ", ".join(f"{graph.name}, {graph.kind}" for graph in graphs.values())
+        names = [f"{graph.name}, {graph.kind}" for graph in graphs.values()]
+        title = ", ".join(dict.fromkeys(names))
     return PointMetrics(
         values=values,
         title=title,
         graphs=tuple(graphs.values()),
-        tasks=len(first.won),
-        distractor_seeds=first.distractor_seeds,
+        tasks=num_tasks,
+        distractor_seeds=first_runs[0].distractor_seeds,
         variants=tuple(variants),
     )
 

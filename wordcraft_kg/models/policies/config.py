@@ -69,11 +69,11 @@ class PolicyConfig:
             best partner on the table), plan or p (log-probability of the most probable plan that
             begins with the slot); recipe and plan need a scorer from train-recipes.
         plan_width: most intermediates in the search of the source plan (p); 0 for the default, see
-            docs/evidence/planning.md.
+            docs/explanation/planning.md.
         weigh_plans: before training, learn from play on train tasks which plans succeed, and let
             the source plan (p) follow these weights instead of the most probable plan. Default:
             at depth 2, with plan and two attempts, except in the paper's preset; see
-            docs/evidence/plan-weights.md.
+            docs/evidence/planning.md#plan-weights.
         kg_only: mix only the sources' scores, without attention logits.
         mixing: range of λ: residual (scores times a learned number each are added to the network's
             logits), free (λ depend on the table, as in the paper), or softmax (positive, sum 1) as

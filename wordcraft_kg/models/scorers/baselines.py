@@ -1,6 +1,6 @@
 """Baseline scorers without learning: facts, counts, neighbours, votes and the recipe kernel.
 
-The page docs/evidence/untrained.md#baselines measures them.
+The page docs/evidence/parts.md#baselines measures them.
 """
 
 from functools import cached_property

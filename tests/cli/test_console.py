@@ -243,7 +243,7 @@ def test_torch_without_memory_is_an_error_in_a_sentence(refused, monkeypatch):
             "tried"
         )
 
-    monkeypatch.setattr("wordcraft_kg.graphs.folder.open_graph", fail)
+    monkeypatch.setattr("wordcraft_kg.cli.graphs.open_graph", fail)
     assert refused("describe", "kitchen", kind="MemoryError").count("\n") == 1
 
 

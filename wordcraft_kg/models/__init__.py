@@ -1,8 +1,8 @@
 """Scorers and policies.
 
-Read ``model`` first (what a trained model is), then ``folder``, which opens any model folder, and
-``saving``, which writes one for a scorer of your own. :mod:`~wordcraft_kg.models.scorers` score
-triples, :mod:`~wordcraft_kg.models.links` and :mod:`~wordcraft_kg.models.recipes` train scorers,
+Read ``model`` first (what a trained model is), then ``folder``, which opens any model folder and
+writes one for a scorer of your own. :mod:`~wordcraft_kg.models.scorers` score triples,
+:mod:`~wordcraft_kg.models.links` and :mod:`~wordcraft_kg.models.recipes` train scorers,
 :mod:`~wordcraft_kg.models.knowledge` holds knowledge from outside the recipe book, and
 :mod:`~wordcraft_kg.models.policies` choose an agent's actions with the help of scores. Links,
 recipes and policies import scorers and knowledge, but never one another.

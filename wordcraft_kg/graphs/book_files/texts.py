@@ -476,12 +476,12 @@ def read_lines(path: Path, text: str, *, fold: bool = False) -> FileRows:
     lines = list(enumerate(io.StringIO(text, newline=""), start=1))
     parted = {number: _sides(line) for number, line in lines if not _is_heading(line)}
     sides = {number: pair for number, pair in parted.items() if pair is not None}
-    for number, (left, _, is_backward) in sides.items():
-        if is_backward and "+" in left:
+    for number, (left_side, _, is_backward) in sides.items():
+        if is_backward and "+" in left_side:
             problem = f"line {number}, whose arrow points at a sum of ingredients"
             raise refusal(path, problem, "lines")
-    sum_is_left = any("+" in left for left, _, _ in sides.values())
-    if sum_is_left and any("+" in right for _, right, _ in sides.values()):
+    sum_is_left = any("+" in left_side for left_side, _, _ in sides.values())
+    if sum_is_left and any("+" in right_side for _, right_side, _ in sides.values()):
         raise refusal(path, "lines with sums on either side of the sign, or on both", "lines")
     columns = ("sum", "result" if sum_is_left else "result before it")
     source = FileRows(Reading(shape="lines a + b = c", columns=columns))
@@ -547,14 +547,14 @@ def _odd_line(number: int, line: str, *, is_heading: bool) -> LeftOut | Fault:
 
 
 def _recipes(source: FileRows, number: int, sides: _Sides, *, sum_is_left: bool) -> Iterator[Entry]:
-    left, right, _ = sides
+    left_side, right_side, _ = sides
     # Several results, or several sums of the same result, between commas.
     if sum_is_left:
-        pairs = [(_summands(left), _unwrapped(result)) for result in right.split(",")]
+        pairs = [(_summands(left_side), _unwrapped(result)) for result in right_side.split(",")]
         several_outputs = source.reading.several_outputs + (len(pairs) > 1)
         source.reading = replace(source.reading, several_outputs=several_outputs)
     else:
-        pairs = [(_summands(part), _unwrapped(left)) for part in right.split(",")]
+        pairs = [(_summands(part), _unwrapped(left_side)) for part in right_side.split(",")]
     for ingredients, result in pairs:
         # Each fault once, in the order of the labels.
         faults = dict.fromkeys(filter(None, map(_label_fault, (*ingredients, result))))

@@ -520,7 +520,6 @@ REFUSED = [
     ),
     ("train-complex kitchen --seeds 0-1 --seed 3", "--seed 3 and --seeds 0-1 cannot be combined"),
     ("train-complex kitchen --seeds 0,4294967296", "--seed 4294967296"),
-    ("train-links", "needs a graph"),
     ("books --fetch little-alchemy-3", "Did you mean 'little-alchemy-2'?"),
     ("describe kitchen --entity bred", "no entity 'bred' in kitchen. Did you mean 'bread'?"),
     ("score {trained}/one bred componentOf flour", "'bread'"),

@@ -33,8 +33,7 @@ from wordcraft_kg.envs.draws import (
     warn_of_sample,
 )
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.arrays import Ids, padded
-from wordcraft_kg.graphs.folder import GraphLike
+from wordcraft_kg.graphs import GraphLike, Ids, padded
 from wordcraft_kg.models.policies.policy import Policy
 
 # An odd factor of a 64-bit linear congruential generator: a product with it loses no bits.

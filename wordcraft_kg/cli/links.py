@@ -316,25 +316,27 @@ def score(  # noqa: PLR0913 - parameters are the command's options
         )
     entities = frozenset(loaded.scorer.entities)
     if queries is None:
-        parsed = [parse_query(words, entities)]
-        if new_only and not parsed[0].is_open:
+        query_list = [parse_query(words, entities)]
+        if new_only and not query_list[0].is_open:
             raise _no_ranking()
     else:
-        parsed = read_queries(queries, entities)
-        check_file_query(loaded.scorer, parsed[0])
-    loaded = with_new_words(loaded, model, parsed, queries)
+        query_list = read_queries(queries, entities)
+        check_file_query(loaded.scorer, query_list[0])
+    loaded = with_new_words(loaded, model, query_list, queries)
     check_file(out, force=force)
-    scoring = scoring_of(loaded, parsed[0])
-    answers = tuple(scoring.answers(parsed, top, new_only=new_only, is_explained=queries is None))
+    scoring = scoring_of(loaded, query_list[0])
+    answers = tuple(
+        scoring.answers(query_list, top, new_only=new_only, is_explained=queries is None)
+    )
     # Scores that go into a file are not printed as well; what qualifies them always is.
     lines = [] if out else list(_lines(answers, len(loaded.scorer.entities)))
     lines += [*note_of_words(loaded), *_notes(loaded.kg, answers)]
-    listed = answers if out is None else ()
+    printed_answers = answers if out is None else ()
     file = None if out is None else str(out)
-    view = Scores(len(parsed), len(answers), loaded.kg, loaded.by_words, listed, file)
+    view = Scores(len(query_list), len(answers), loaded.kg, loaded.by_words, printed_answers, file)
     if out is not None:
-        write_file(out, _table(parsed[0].columns, answers, out), force=force)
-        lines.append(f"wrote {out}: {len(answers):,} scores for {len(parsed):,} queries")
+        write_file(out, _table(query_list[0].columns, answers, out), force=force)
+        lines.append(f"wrote {out}: {len(answers):,} scores for {len(query_list):,} queries")
     output.result(view, lines)
 
 
@@ -419,8 +421,8 @@ def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str
             answers[0].slots[slot] if slot.startswith("ingredient") else slot: rank
             for slot, rank in ranks.items()
         }
-        listed = ", ".join(f"{role} {rank:,}" for role, rank in roles.items())
-        yield f"rank among all {num_entities:,} entities, unfiltered: {listed}"
+        rank_texts = ", ".join(f"{role} {rank:,}" for role, rank in roles.items())
+        yield f"rank among all {num_entities:,} entities, unfiltered: {rank_texts}"
 
 
 def _thing(answer: "ScoredAnswer") -> str:

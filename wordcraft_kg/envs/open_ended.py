@@ -19,8 +19,7 @@ from wordcraft_kg.base import (
     whole,
 )
 from wordcraft_kg.envs.config import METADATA, IllegalAction, check_mode
-from wordcraft_kg.graphs.folder import GraphLike, open_graph
-from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.graphs import GraphLike, layers, open_graph
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph, outcomes_of
 
 Observation = dict[str, Any]

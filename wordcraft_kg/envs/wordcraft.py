@@ -18,8 +18,7 @@ from wordcraft_kg.base import ActionError, ConfigError, EpisodeError, whole
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine, empty_slot
 from wordcraft_kg.envs.config import METADATA, check_mode
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import Ids
-from wordcraft_kg.graphs.folder import GraphLike
+from wordcraft_kg.graphs import GraphLike, Ids
 from wordcraft_kg.graphs.tasks import CraftingTask
 
 Observation = dict[str, Any]

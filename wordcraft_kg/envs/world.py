@@ -14,6 +14,7 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs import (
     Entity,
+    GraphLike,
     Ids,
     OpenedGraph,
     RecipeGraph,
@@ -24,7 +25,6 @@ from wordcraft_kg.graphs import (
     open_graph,
     padded,
 )
-from wordcraft_kg.graphs.folder import GraphLike
 from wordcraft_kg.graphs.recipe_graph import outcomes_of
 from wordcraft_kg.graphs.tasks import SolutionSearch
 

@@ -700,8 +700,8 @@ def view_evaluation(
         # The last one is p alone if the agent has it, else w alone, else all sources.
         name, scorer_player = list(players.scorer_alone(trained.policy.sources).items())[-1]
         against_scorer = {
-            str(amount): compare_with_scorer([results[amount]], name, alone)
-            for amount, alone in _play(scorer_player, evaluators).items()
+            str(amount): compare_with_scorer([results[amount]], name, scorer_result)
+            for amount, scorer_result in _play(scorer_player, evaluators).items()
         }
         sources = {
             str(amount): source_gains([trained.policy], evaluator, [results[amount]])

@@ -21,8 +21,7 @@ import torch
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs.arrays import Ids, are_among, distinct, recipe_keys
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Ids, are_among, distinct, recipe_keys
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of
 from wordcraft_kg.models.scorers.neighbours.lists import Lists
 from wordcraft_kg.models.scorers.neighbours.results import CANDIDATES, results_of

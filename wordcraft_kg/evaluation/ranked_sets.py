@@ -118,8 +118,8 @@ class _Goals(NamedTuple):
             row: number of the goal.
             sets: labels of ingredients.
         """
-        ordered = (tuple(sorted(each if self.has_repeats else set(each))) for each in sets)
-        return [each for each in dict.fromkeys(ordered) if each not in self.taken[row]]
+        ordered = (tuple(sorted(labels if self.has_repeats else set(labels))) for labels in sets)
+        return [labels for labels in dict.fromkeys(ordered) if labels not in self.taken[row]]
 
 
 def rank_sets(
@@ -153,10 +153,10 @@ def rank_sets(
     goals = _test_goals(model, scorer)
     for path in files:
         if not _num_answered(goals, predictions_of_files[path.name]):
-            found = next(iter(predictions_of_files[path.name]), "nothing")
+            first_goal = next(iter(predictions_of_files[path.name]), "nothing")
             raise ConfigError(
-                f"{path}: answers for '{found}' and none of the test goals; expected goals such as "
-                f"'{goals.labels[0]}'. Give the predictions for this split."
+                f"{path}: answers for '{first_goal}' and none of the test goals; expected goals "
+                f"such as '{goals.labels[0]}'. Give the predictions for this split."
             )
     predictions: dict[str, list[list[str]]] = {}
     chances: list[float] = []
@@ -173,9 +173,9 @@ def rank_sets(
             for suggestion in ranked
         }
         sets = goals.answers(row, chance_of)[:_LISTED]
-        predictions[label] = [list(each) for each in sets]
-        chances += [chance_of[each] for each in sets[:5]]
-        is_right += [each in goals.right[row] for each in sets[:5]]
+        predictions[label] = [list(labels) for labels in sets]
+        chances += [chance_of[labels] for labels in sets[:5]]
+        is_right += [labels in goals.right[row] for labels in sets[:5]]
     methods: dict[str, Predictions] = {
         name: predictions,
         **_baselines(scorer, goals),
@@ -250,7 +250,7 @@ def _test_goals(model: Model, scorer: SetScorer) -> _Goals:
     train_sets = _sets_of_goals(graph.entities, rows_of_sets(graph, split.is_in("train")))
     ids = sorted(sets_of_goal)
     right = [frozenset(sets_of_goal[goal]) for goal in ids]
-    taken = [frozenset(train_sets.get(goal, ())) for goal in ids]
+    train_sets_by_goal = [frozenset(train_sets.get(goal, ())) for goal in ids]
     knowledge = scorer.knowledge
     has_part = knowledge.amounts > 0
     seen_parts = {has_part[goal].tobytes() for goal in knowledge.goal_ids}
@@ -265,8 +265,8 @@ def _test_goals(model: Model, scorer: SetScorer) -> _Goals:
     }
     labels = [graph.entities[goal] for goal in ids]
     every = _sets_of_goals(graph.entities, rows_of_sets(graph, slice(None))).values()
-    has_repeats = any(len(set(each)) < len(each) for sets in every for each in sets)
-    return _Goals(ids, labels, right, taken, columns, has_repeats)
+    has_repeats = any(len(set(labels)) < len(labels) for sets in every for labels in sets)
+    return _Goals(ids, labels, right, train_sets_by_goal, columns, has_repeats)
 
 
 def _sets_of_goals(entities: Sequence[str], rows: Ids) -> dict[int, set[Set]]:
@@ -287,15 +287,17 @@ def _baselines(scorer: SetScorer, goals: _Goals) -> dict[str, Predictions]:
     lists = knowledge.lists
     frequent = np.argsort(-knowledge.set_counts, kind="stable")
     predictions: dict[str, dict[str, list[list[str]]]] = {name: {} for name in _BASELINES}
-    of_frequency, of_parts, of_nearest = predictions.values()
-    for entity, label, taken in zip(goals.ids, goals.labels, goals.taken, strict=True):
-        most = _LISTED + len(taken)
-        of_frequency[label] = [_labels(scorer, lists.sets[number]) for number in frequent[:most]]
+    by_frequency, by_parts, by_nearest = predictions.values()
+    for entity, label, train_sets in zip(goals.ids, goals.labels, goals.taken, strict=True):
+        num_sets = _LISTED + len(train_sets)
+        by_frequency[label] = [
+            _labels(scorer, lists.sets[number]) for number in frequent[:num_sets]
+        ]
         evidence = scorer.evidence(entity)
-        near = np.argsort(-evidence.set_votes[2], kind="stable")[:most]
-        of_nearest[label] = [_labels(scorer, lists.sets[number]) for number in near]
-        sets = knowledge.sets_by_frequency(evidence)[:most]
-        of_parts[label] = [_labels(scorer, row) for row in sets]
+        near = np.argsort(-evidence.set_votes[2], kind="stable")[:num_sets]
+        by_nearest[label] = [_labels(scorer, lists.sets[number]) for number in near]
+        sets = knowledge.sets_by_frequency(evidence)[:num_sets]
+        by_parts[label] = [_labels(scorer, row) for row in sets]
     return dict(predictions)
 
 

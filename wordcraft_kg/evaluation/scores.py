@@ -40,9 +40,9 @@ from wordcraft_kg.graphs import (
     Part,
     Split,
     TrainedOn,
+    are_among,
     recipe_keys,
 )
-from wordcraft_kg.graphs.arrays import are_among
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.recipes.inductive import with_words
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence, OutsideEvidenceFinder

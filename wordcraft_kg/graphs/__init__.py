@@ -24,6 +24,7 @@ models, runs and published results refer to them (``tests/graphs/test_recipe_gra
 
 from wordcraft_kg.graphs.arrays import (
     Ids as Ids,
+    are_among as are_among,
     distinct as distinct,
     frozen as frozen,
     padded as padded,
@@ -33,6 +34,7 @@ from wordcraft_kg.graphs.audit import SplitSummary as SplitSummary, audit as aud
 from wordcraft_kg.graphs.book_files import read_book as read_book, write_book as write_book
 from wordcraft_kg.graphs.folder import (
     KG as KG,
+    GraphLike as GraphLike,
     OpenedGraph as OpenedGraph,
     PlayedGraph as PlayedGraph,
     TrainedOn as TrainedOn,

@@ -1,11 +1,9 @@
 """Base classes: for sources, and for sources with a model per left-out fold."""
 
-import math
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -27,13 +25,7 @@ from wordcraft_kg.models.scorers.recipes import RecipeScorer
 Rows = Tensor | slice
 """Rows of a batch: their numbers, or all of them as a slice."""
 KEPT = 2**24
-"""Most scores that a source keeps for rows of one shape: 64 MiB of float32."""
-WAYS = 4
-"""Places of a set. With as many rows as an eighth of all places, one in 6,000 sets has too few."""
-MOST_SHAPES = 8
-"""Most shapes of rows: tables grow by a slot with each result."""
-_HASH_SEED = 0
-"""Any seed serves: hashes are compared with hashes of the same process alone."""
+"""Most numbers that a source keeps: 64 MiB of float32."""
 
 
 @dataclass(frozen=True)
@@ -63,59 +55,18 @@ AS_IS = ScoreView()
 """Raw scores."""
 
 
-class _KeptRows:
-    """Places for scores of one shape, in sets; where all places of a set are taken, one is reused.
-
-    Attributes:
-        sets: number of sets, a power of two.
-        hashes: shape (sets, WAYS, 2): hash of the inputs at each place; zeros where it is free.
-        scores: shape (sets, WAYS, ...), float32.
-    """
-
-    def __init__(self, shape: tuple[int, ...]):
-        """Keep nothing yet, for rows of this shape."""
-        capacity = max(1, KEPT // (WAYS * max(1, math.prod(shape))))
-        self.sets: int = 1 << (capacity.bit_length() - 1)
-        # Memory of zeros is taken from the system only when it is written.
-        self.hashes = np.zeros((self.sets, WAYS, 2), dtype=np.int64)
-        self.scores = np.zeros((self.sets, WAYS, *shape), dtype=np.float32)
-
-    def sets_of(self, hashes: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the set of each row, shape (B,), by its hashes, (B, 2)."""
-        return hashes[:, 0] & (self.sets - 1)
-
-    def find(self, hashes: NDArray[np.int64]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-        """Return scores, (B, ...), by hashes, (B, 2), and the numbers of rows without any, (n,)."""
-        sets = self.sets_of(hashes)
-        is_here = (self.hashes[sets] == hashes[:, None]).all(2)
-        missing = (~is_here.any(1)).nonzero()[0]
-        return self.scores[sets, is_here.argmax(1)], missing
-
-    def keep(self, hashes: NDArray[np.int64], scores: NDArray[np.float32]) -> None:
-        """Keep the scores of rows, (n, ...), with these hashes, (n, 2)."""
-        sets = self.sets_of(hashes)
-        is_free = (self.hashes[sets] == 0).all(2)
-        ways = np.where(is_free.any(1), is_free.argmax(1), hashes[:, 1] & (WAYS - 1))
-        # Where rows of a batch share a place, NumPy writes the last one, hash and scores alike.
-        self.hashes[sets, ways] = hashes
-        self.scores[sets, ways] = scores
-
-
 class KeptScores:
     """Scores of states that recur, for sources by neighbour lists.
 
     A table is scored before and after the first action, for another player on the same tables, and
-    whenever a training plays it again. A row must have the same bits in any batch.
-
-    The hash of a row's inputs says where it is kept, so looking up a batch takes a few operations
-    however many rows are kept. Two hashes of 64 bits stand for the inputs, whose ids are below
-    2^31: that two rows are mistaken for each other has a probability below 2^-64. Threads may call
+    whenever a training plays it again. A row must have the same bits in any batch. Threads may call
     concurrently.
     """
 
     def __init__(self) -> None:
         """Keep nothing yet."""
-        self._rows: dict[tuple[int, ...], _KeptRows] = {}
+        self._rows: dict[tuple[tuple[int, ...], bytes], NDArray[np.float32]] = {}
+        self._size = 0
         self._lock = threading.Lock()
 
     def __reduce__(self) -> tuple[type["KeptScores"], tuple[()]]:
@@ -138,49 +89,37 @@ class KeptScores:
         Returns:
             shape (B, ...), float32, on the device of the inputs.
         """
-        parts = list(inputs)
+        parts = [part.reshape(len(part), -1) for part in inputs]
         device = parts[0].device
-        hashes = _hashes(parts)
+        numbers = torch.cat(parts, dim=1).cpu().numpy().astype(np.int64)
+        # The bytes of a row's inputs are its key.
+        keys = [(shape, row) for row in numbers.view(f"V{8 * numbers.shape[1]}").ravel().tolist()]
         with self._lock:
-            cache = self._rows.pop(shape, None) or _KeptRows(shape)
-            # The shape that was asked for last comes last, and the first one falls off.
-            self._rows[shape] = cache
-            if len(self._rows) > MOST_SHAPES:
-                del self._rows[next(iter(self._rows))]
-            stored_scores, missing = cache.find(hashes)
-        scores = torch.from_numpy(stored_scores).to(device)
-        if not len(missing):
-            return scores
-        is_all = len(missing) == len(hashes)
-        rows = slice(None) if is_all else torch.from_numpy(missing).to(device)
-        values = compute(rows)
-        scores[rows] = values
-        with self._lock:
-            cache.keep(hashes[missing], values.cpu().numpy())
-        return scores
+            scores = [self._rows.get(key) for key in keys]
+        missing = [place for place, row in enumerate(scores) if row is None]
+        if missing:
+            is_all = len(missing) == len(keys)
+            rows = slice(None) if is_all else torch.tensor(missing, device=device)
+            values = compute(rows).float().cpu().numpy()
+            with self._lock:
+                for place, row in zip(missing, values, strict=True):
+                    scores[place] = row
+                    self._keep(keys[place], row)
+        return torch.from_numpy(np.array(scores, np.float32).reshape(-1, *shape)).to(device)
+
+    def _keep(self, key: tuple[tuple[int, ...], bytes], row: NDArray[np.float32]) -> None:
+        """Keep the scores of a row; beyond :data:`KEPT` numbers, the oldest rows are dropped."""
+        if key not in self._rows:
+            self._size += row.size
+        # A copy, so that one row does not hold on to the scores of its batch.
+        self._rows[key] = row.copy()
+        while self._size > KEPT:
+            self._size -= self._rows.pop(next(iter(self._rows))).size
 
     def forget(self, *_: object) -> None:
         """Drop all scores; takes any arguments, so that it can be a hook of torch."""
         self._rows = {}
-
-
-def _hashes(parts: Sequence[Tensor]) -> NDArray[np.int64]:
-    """Return two hashes of each row of all parts together, shape (B, 2)."""
-    columns = [part.reshape(len(part), -1).cpu().numpy() for part in parts]
-    numbers = np.concatenate(columns, axis=1, dtype=np.int64)
-    factors = _factors(numbers.shape[1])
-    # Sums of products with random odd numbers, which wrap around at 64 bits. A first term keeps
-    # rows of zeros from the hash of a free place.
-    sums = factors[0] + numbers @ factors[1:]
-    # High bits depend on all bits below, and places are low bits.
-    return sums ^ (sums >> 32)
-
-
-@cache
-def _factors(columns: int) -> NDArray[np.int64]:
-    """Return random odd numbers for the hashes of rows, shape (1 + columns, 2)."""
-    generator = np.random.default_rng(_HASH_SEED)
-    return generator.integers(-(2**63), 2**63 - 1, (1 + columns, 2)) | 1
+        self._size = 0
 
 
 class Source(nn.Module, ABC):

@@ -219,19 +219,16 @@ def test_ranks_are_those_of_reports_whether_a_link_is_true_or_not(neighbours):
             )
 
 
-def test_the_best_leave_out_what_was_learned_unless_it_is_asked_for(neighbours):
+def test_the_best_leave_out_what_was_learned(neighbours):
     flour = neighbours.graph.id_of("flour")
     slot = neighbours.slot(flour, COMBINES_WITH, "tail")
     labels = neighbours.graph.entities
     by_score = sorted(range(len(labels)), key=lambda i: (-slot.scores[i], i))
-    for with_learned in (False, True):
-        answers = neighbours.best(slot, with_learned=with_learned, top=12)
-        listed = [labels[i] for i in by_score if with_learned or not slot.learned[i]]
-        assert [(row.entity, row.position) for row in answers.best] == list(
-            zip(listed, range(1, 13), strict=False)
-        )
-        assert ("learned" in {row.status for row in answers.best}) == with_learned
-        assert (answers.head, answers.relation, answers.tail) == ("flour", "combinesWith", None)
+    answers = neighbours.best(slot, top=12)
+    expected = [labels[i] for i in by_score if not slot.learned[i]][:12]
+    assert [row.entity for row in answers.best] == expected
+    assert "learned" not in {row.status for row in answers.best}
+    assert (answers.head, answers.relation, answers.tail) == ("flour", "combinesWith", None)
 
 
 def test_beside_the_best_stands_what_is_true_and_was_not_learned(neighbours):
@@ -268,7 +265,7 @@ def test_an_entity_in_its_own_slot_is_marked_and_no_component_of_itself(
         for label in neighbours.graph.entities:
             entity = neighbours.graph.id_of(label)
             slot = neighbours.slot(entity, relation, "tail")
-            found = neighbours.best(slot, with_learned=True, top=1_000, witnesses=0)
+            found = neighbours.best(slot, top=1_000, witnesses=0)
             statuses |= {row.status for row in found.best if row.entity == label}
             assert "itself" not in {row.status for row in found.best if row.entity != label}
         is_proposed = relation == COMBINES_WITH or has_self_results
@@ -308,11 +305,10 @@ def with_train_sample(parted_kitchen, tmp_path):
 
 def test_what_a_dose_left_out_is_true_but_not_learned(with_train_sample):
     predictor = with_train_sample(folds=0, train_fraction=0.5)
-    slots = [
-        predictor.best(predictor.slot(*slot), with_learned=True, top=80, witnesses=0)
-        for slot in SLOTS
-    ]
-    statuses = {(row.status, row.known) for slot in slots for row in slot.best}
+    statuses = set()
+    for slot in (predictor.slot(*query) for query in SLOTS):
+        rows = (predictor.ranked(slot, entity) for entity in range(predictor.graph.num_entities))
+        statuses |= {(row.status, row.known) for row in rows}
     assert {("not learned", "train"), ("learned", "train"), ("held out", "test")} <= statuses
     assert ("learned", "test") not in statuses
 
@@ -321,12 +317,10 @@ def test_what_was_taught_wrong_is_learned_and_has_no_probability(with_train_samp
     predictor = with_train_sample(folds=2, label_noise=0.5)
     train_sample = predictor.model.train_sample
     a, _, result = train_sample.among(train_sample.is_wrong)[0].tolist()
-    found = predictor.best(
-        predictor.slot(a, COMPONENT_OF, "tail"), with_learned=True, top=80, witnesses=0
-    )
-    (wrong,) = [row for row in found.best if row.entity == predictor.graph.entities[result]]
+    slot = predictor.slot(a, COMPONENT_OF, "tail")
+    wrong = predictor.ranked(slot, result)
     assert (wrong.status, wrong.known, wrong.probability) == ("learned", "new", None)
-    assert any(row.probability is not None for row in found.best)
+    assert any(row.probability is not None for row in predictor.best(slot, witnesses=0).best)
 
 
 def test_the_recipes_of_a_link_are_those_that_give_its_triple(neighbours):

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.apps.people.config import CONSENT, StudyConfig
-from wordcraft_kg.base import ConfigError, counted, read_small_file
+from wordcraft_kg.base import ConfigError, read_small_file
 from wordcraft_kg.cli.console import Flag, Output, aligned, whole_numbers
 from wordcraft_kg.cli.options import Book, Force
 
 if TYPE_CHECKING:
-    from wordcraft_kg.apps.people.answers_database import Stored
     from wordcraft_kg.apps.people.study import Session, TableKey
     from wordcraft_kg.apps.people.summary import (
         AgentGame,
@@ -93,17 +92,14 @@ def people_serve(  # noqa: PLR0913 - parameters are the command's options
         with kept_answers(out, study) as answers:
 
             def started(address: str) -> None:
-                output.result(
-                    {"address": address},
-                    [f"{address}   {_counts(answers.stored())} so far   Ctrl-C stops the server"],
-                )
+                output.result({"address": address}, [f"{address}   Ctrl-C stops the server"])
 
-            # Counts are of this moment: the same command continues a study.
             app = make_study_app(study, answers, host, allow_host or ())
             serve(app, listening, started, in_browser=not no_browser)
-            stored = answers.stored()
     print(
-        f"stopped; {_counts(stored)} stored in {out}; repeat the command to resume", file=sys.stderr
+        f"stopped; the answers are in {out}: `wordcraft-kg people summary {out}` counts them, and "
+        "the same command resumes the study",
+        file=sys.stderr,
     )
 
 
@@ -118,12 +114,6 @@ def _consent(path: Path | None) -> str:
     # Blanks at the end of a line must not hide the blank line between two paragraphs.
     paragraphs = "\n".join(line.strip() for line in lines).split("\n\n")
     return "\n\n".join(paragraph.strip() for paragraph in paragraphs if paragraph.strip())
-
-
-def _counts(stored: "Stored") -> str:
-    people = counted(stored.people, "person", "people")
-    answers = counted(stored.answers, "answer")
-    return f"{people} ({stored.finished:,} finished) and {answers}"
 
 
 NOTE = (

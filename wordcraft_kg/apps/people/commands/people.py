@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from wordcraft_kg.apps.people.summary import (
         AgentGame,
         AnswerRate,
-        ExportedAnswers,
         HumanSummary,
     )
 
@@ -159,19 +158,18 @@ def people_summary(
     output.result(view, _text(view))
 
 
-def _exported(folder: Path, out: Path, force: bool) -> tuple["ExportedAnswers", list[str]]:
+def _exported(folder: Path, out: Path, force: bool) -> tuple[dict[str, Any], list[str]]:
     from wordcraft_kg.apps.people.study import read_study
-    from wordcraft_kg.apps.people.summary import ExportedAnswers
-    from wordcraft_kg.base.artefacts import staged_file
-    from wordcraft_kg.base.records import as_lines
+    from wordcraft_kg.base import as_lines, staged_file
 
     # Read and checked as a whole before the file is made.
     study = read_study(folder)
     lines = as_lines(study.lines())
     with staged_file(out, force=force) as path:
         path.write_text("".join(lines), encoding="utf-8")
-    view = ExportedAnswers(str(out), len(study.people), len(lines))
-    return view, [f"wrote {out}: answers: {view.answers:,}, people: {view.people:,}"]
+    people = len(study.people)
+    view = {"out": str(out), "people": people, "answers": len(lines)}
+    return view, [f"wrote {out}: answers: {len(lines):,}, people: {people:,}"]
 
 
 def _compared(

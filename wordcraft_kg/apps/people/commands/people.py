@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from wordcraft_kg.apps.people.config import CONSENT, StudyConfig
-from wordcraft_kg.base import ConfigError, read_small_file
+from wordcraft_kg.base import ConfigError, as_lines, read_small_file, staged_file
 from wordcraft_kg.cli.console import Flag, Output, aligned, whole_numbers
 from wordcraft_kg.cli.options import Book, Force
 
 if TYPE_CHECKING:
-    from wordcraft_kg.apps.people.study import Session, TableKey
+    from wordcraft_kg.apps.people.study import ReadStudy, Session, TableKey
     from wordcraft_kg.apps.people.summary import (
         AgentGame,
         AnswerRate,
@@ -146,7 +146,7 @@ def people_summary(
     if export is not None:
         if run or len(studies) != 1:
             raise ConfigError("--export takes one folder of `people serve`, without --run.")
-        output.result(*_exported(studies[0], export, force))
+        output.result(*_exported(read_study(studies[0]), export, force))
         return
     if force:
         raise ConfigError("--force replaces an exported file; add --export FILE.")
@@ -158,12 +158,7 @@ def people_summary(
     output.result(view, _text(view))
 
 
-def _exported(folder: Path, out: Path, force: bool) -> tuple[dict[str, Any], list[str]]:
-    from wordcraft_kg.apps.people.study import read_study
-    from wordcraft_kg.base import as_lines, staged_file
-
-    # Read and checked as a whole before the file is made.
-    study = read_study(folder)
+def _exported(study: "ReadStudy", out: Path, force: bool) -> tuple[dict[str, Any], list[str]]:
     lines = as_lines(study.lines())
     with staged_file(out, force=force) as path:
         path.write_text("".join(lines), encoding="utf-8")

@@ -166,13 +166,11 @@ def test_recipes_that_make_and_use_an_entity_have_their_parts(neighbours, monkey
 
 
 def test_a_model_answers_for_partners_ingredients_and_products(neighbours):
-    for learned in (False, True):
-        found = view_by(neighbours, EntityState("bread", learned=learned))
-        queries = [(slot.head, slot.relation, slot.tail) for slot in found.slots]
-        assert queries[:2] == [("bread", "combinesWith", None), (None, "componentOf", "bread")]
-        assert queries[2:] == [("bread", "componentOf", None)]
-        assert ("learned" in {row.status for slot in found.slots for row in slot.best}) == learned
-        assert found.model == neighbours.name
+    found = view_by(neighbours, EntityState("bread"))
+    queries = [(slot.head, slot.relation, slot.tail) for slot in found.slots]
+    assert queries[:2] == [("bread", "combinesWith", None), (None, "componentOf", "bread")]
+    assert queries[2:] == [("bread", "componentOf", None)]
+    assert found.model == neighbours.name
 
 
 def test_the_nearest_in_the_model_are_not_the_entity_itself(neighbours):

@@ -32,7 +32,7 @@ from wordcraft_kg.base import (
 
 OF_MODELS = (
     "/entity/bread",
-    "/entity/water?model=kitchen-recipes&learned=true",
+    "/entity/water?model=kitchen-recipes",
     "/recipes/water",
     "/recipes/bread?use=makes&part=train",
     "/link",
@@ -178,7 +178,7 @@ LINK = {"tail": HOSTILE[0]}
 QUICK_LABELS = (*HOSTILE[:3], "..")
 
 PAGES_OF_LABEL = {
-    "entity": (("entity", "entity", {"learned": True}), ("recipes", "entity", {})),
+    "entity": (("entity", "entity", {}), ("recipes", "entity", {})),
     "pair": (("pair", "a", {"b": HOSTILE[0]}),),
     "link": (("link", "head", LINK), ("link", "head", {**LINK, "relation": "componentOf"})),
     "path": (("path", "entity", {}),),

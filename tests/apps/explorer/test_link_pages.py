@@ -1,19 +1,35 @@
 """The pages of links, pairs, ranks and two models: scores, in-sample marks, evidence, and texts."""
 
-from itertools import product
-
 import pytest
-
-from tests.apps.explorer.shown import explored_by, explored_graph, look, page_of, view_by, view_of
+import numpy as np
+from itertools import product
+from tests.apps.explorer.shown import explored_by
+from tests.apps.explorer.shown import explored_graph
+from tests.apps.explorer.shown import look
+from tests.apps.explorer.shown import page_of
+from tests.apps.explorer.shown import view_by
+from tests.apps.explorer.shown import view_of
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.apps.explorer.pages.entities import EntityState, RecipesState
-from wordcraft_kg.apps.explorer.pages.link import LinkState, PairState
+from wordcraft_kg.apps.explorer.pages.entities import EntityState
+from wordcraft_kg.apps.explorer.pages.entities import RecipesState
+from wordcraft_kg.apps.explorer.pages.link import LinkState
+from wordcraft_kg.apps.explorer.pages.link import PairState
 from wordcraft_kg.apps.explorer.pages.path import PathState as Goal
-from wordcraft_kg.apps.explorer.predictor import NEW, recipes_giving
+from wordcraft_kg.apps.explorer.predictor import NEW
+from wordcraft_kg.apps.explorer.predictor import recipes_giving
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
+from wordcraft_kg.graphs.triples import COMBINES_WITH
+from wordcraft_kg.graphs.triples import COMPONENT_OF
+from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.ranking import rank_triples
+from wordcraft_kg import ComplExConfig
+from wordcraft_kg import LinksConfig
+from wordcraft_kg import RecipeGraph
+from wordcraft_kg import open_model
+from wordcraft_kg import train_links
+from wordcraft_kg.apps.explorer.predictor import LinkPredictor
+from wordcraft_kg.graphs.triples import is_in
 
 
 def held_out(predictor):
@@ -151,6 +167,18 @@ def test_a_graph_without_recipes_has_no_pair_in_the_menu():
 
 
 SLOTS = list(product(range(0, 80, 9), range(len(RELATIONS)), ("head", "tail")))
+
+
+def test_the_best_leave_out_what_was_learned(neighbours):
+    flour = neighbours.graph.id_of("flour")
+    slot = neighbours.slot(flour, COMBINES_WITH, "tail")
+    labels = neighbours.graph.entities
+    by_score = sorted(range(len(labels)), key=lambda i: (-slot.scores[i], i))
+    answers = neighbours.best(slot, top=12)
+    expected = [labels[i] for i in by_score if not slot.learned[i]][:12]
+    assert [row.entity for row in answers.best] == expected
+    assert "learned" not in {row.status for row in answers.best}
+    assert (answers.head, answers.relation, answers.tail) == ("flour", "combinesWith", None)
 
 
 def test_beside_the_best_stands_what_is_true_and_was_not_learned(neighbours):

@@ -2,17 +2,24 @@
 person."""
 
 import re
+import pytest
+import asyncio
+import time
 from contextlib import contextmanager
 from html import unescape
-
-import pytest
 from starlette.testclient import TestClient
-
 from tests.apps.people.stored import lines_of
 from wordcraft_kg.apps.people.config import StudyConfig
-from wordcraft_kg.apps.people.study import HumanStudy, kept_answers
-from wordcraft_kg.apps.people.web_app import code_hash, make_study_app
-from wordcraft_kg.apps.web.guard import HEADERS, LONGEST_BODY
+from wordcraft_kg.apps.people.study import HumanStudy
+from wordcraft_kg.apps.people.study import kept_answers
+from wordcraft_kg.apps.people.web_app import code_hash
+from wordcraft_kg.apps.people.web_app import make_study_app
+from wordcraft_kg.apps.web.guard import HEADERS
+from wordcraft_kg.apps.web.guard import LONGEST_BODY
+from tests.apps.explorer.shown import HOSTILE
+from wordcraft_kg.apps.people.study import read_study
+from wordcraft_kg.apps.people.web_app import steady_clock
+from wordcraft_kg.graphs import RecipeGraph
 
 CODE = "k7qm-2xwd-9hrt"
 CONSENT = "Do you <b>agree</b>?\n\nSecond & last\nline."
@@ -72,6 +79,9 @@ class Browser:
     def person(self, code):
         return self.answers.find(code_hash(code))
 
+    def people(self):
+        return len(read_study(self.folder).people)
+
     def lines(self):
         return lines_of(self.folder)
 
@@ -118,7 +128,7 @@ def test_only_an_explicit_yes_begins_a_session(browser, consent, code, place):
     page = browser.post("/begin", {"consent": consent, "code": code})
     assert browser.place == place
     assert ("no data were stored" in page) == (consent == "no")
-    assert browser.answers.stored().people == 0
+    assert browser.people() == 0
 
 
 def test_the_code_is_shown_at_the_start_and_at_the_end_and_leads_back(browser, code):
@@ -145,7 +155,7 @@ def test_who_withdraws_leaves_nothing_behind_and_nobody_gets_their_place(browser
     assert f'action="/s/{leaves}/withdraw"' in browser.get(f"/s/{leaves}")
     assert "You have withdrawn" in browser.post(f"/s/{leaves}/withdraw", {})
     assert [line.session for line in browser.lines()] == [browser.person(stays).number]
-    assert browser.answers.stored().people == 1
+    assert browser.people() == 1
     answer = {"task": "0", "first": "1", "second": "2"}
     for page in (browser.get(f"/s/{leaves}/task"), browser.post(f"/s/{leaves}/answer", answer)):
         assert browser.status == 404
@@ -359,7 +369,7 @@ def test_forms_of_other_sites_and_other_hosts_are_refused(browser, code):
             == 421
         )
     assert browser.lines() == []
-    assert browser.answers.stored().people == 1
+    assert browser.people() == 1
     assert (
         browser.client.post("/begin", data={}, headers={"Origin": "http://localhost:8766"}).url.path
         == "/"

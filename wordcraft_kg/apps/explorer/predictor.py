@@ -84,15 +84,12 @@ class PredictedEntity(ScoredLink):
 
     Attributes:
         entity: label of the answer.
-        position: position in the list of all entities by score, from 1, in which training links
-            count only if they are listed; 0 for an entity outside the list.
         rank: filtered, realistic rank: other true answers do not compete, and ties share their mean
             rank.
         reason: training links that support the answer; None if they are not computed.
     """
 
     entity: str
-    position: Count
     rank: float
     reason: LinkReason | None
 
@@ -104,8 +101,7 @@ class PredictedSlot(Record):
         head: label of the head; None if it is unknown.
         relation: name of the relation.
         tail: label of the tail; None if it is unknown.
-        with_learned: whether ``best`` lists training links, too.
-        best: answers with the highest scores, best first.
+        best: answers outside the training data with the highest scores, best first.
         truth: some of the book's answers outside the training data, by rank.
         true_unlearned: number of the book's answers outside the training data.
         true_learned: number of the book's answers inside the training data.
@@ -114,7 +110,6 @@ class PredictedSlot(Record):
     head: str | None
     relation: Relation
     tail: str | None
-    with_learned: bool
     best: tuple[PredictedEntity, ...]
     truth: tuple[PredictedEntity, ...]
     true_unlearned: Count
@@ -306,8 +301,7 @@ class LinkPredictor:
 
     def ranked(self, slot: Slot, entity: int) -> RankedLink:
         """Return score and rank for the link with an entity in an open slot."""
-        unlisted = np.zeros(len(slot.scores), dtype=np.int64)
-        (link,) = self._predicted(slot, np.array([entity]), unlisted, 0)
+        (link,) = self._predicted(slot, np.array([entity]), 0)
         return RankedLink(
             score=link.score,
             status=link.status,
@@ -320,16 +314,14 @@ class LinkPredictor:
         self,
         slot: Slot,
         *,
-        with_learned: bool = False,
         top: int = 10,
         witnesses: int = 1,
         truth: int = 5,
     ) -> PredictedSlot:
-        """List the best entities in an open slot, and the best true entities outside training.
+        """List the best entities in an open slot outside training, and the best true ones.
 
         Args:
             slot: scores of all entities.
-            with_learned: also list links that the model was trained on.
             top: most entities to list.
             witnesses: most supporting links for each listed entity; 0 computes no reasons.
             truth: most true entities to list.
@@ -341,9 +333,7 @@ class LinkPredictor:
         if slot.relation == COMPONENT_OF and not self.graph.has_self_results:
             # Books drop recipes that make their ingredient.
             order = order[order != slot.entity]
-        listed = order if with_learned else order[~slot.learned[order]]
-        positions = np.zeros(len(slot.scores), dtype=np.int64)
-        positions[listed] = np.arange(1, len(listed) + 1)
+        listed = order[~slot.learned[order]][:top]
         unlearned = np.flatnonzero((slot.part != NEW) & ~slot.learned)
         nearest = unlearned[np.argsort(slot.ranks(unlearned), kind="stable")]
         given_label = self.graph.entities[slot.entity]
@@ -351,16 +341,13 @@ class LinkPredictor:
             head=None if slot.side == "head" else given_label,
             relation=RELATIONS[slot.relation],
             tail=None if slot.side == "tail" else given_label,
-            with_learned=with_learned,
-            best=tuple(self._predicted(slot, listed[:top], positions, witnesses)),
-            truth=tuple(self._predicted(slot, nearest[:truth], positions, 0)),
+            best=tuple(self._predicted(slot, listed, witnesses)),
+            truth=tuple(self._predicted(slot, nearest[:truth], 0)),
             true_unlearned=len(unlearned),
             true_learned=int((slot.learned & (slot.part != NEW)).sum()),
         )
 
-    def _predicted(
-        self, slot: Slot, entities: Ids, positions: Ids, witnesses: int
-    ) -> Iterator[PredictedEntity]:
+    def _predicted(self, slot: Slot, entities: Ids, witnesses: int) -> Iterator[PredictedEntity]:
         triples = slot.triples(entities)
         ranks = slot.ranks(entities)
         parts = [KNOWN[part] for part in slot.part[entities].tolist()]
@@ -373,7 +360,6 @@ class LinkPredictor:
                 head, relation, tail = triple
                 reason = self.evidence.reason(head, relation, tail, witnesses)
             yield PredictedEntity(
-                position=int(positions[entity]),
                 rank=float(rank),
                 entity=self.graph.entities[entity],
                 score=float(slot.scores[entity]),

@@ -90,21 +90,6 @@ class StoredAnswer:
     loads: int
 
 
-@dataclass(frozen=True)
-class Stored:
-    """Counts over a study, without withdrawn people.
-
-    Attributes:
-        people: number of people who have begun.
-        finished: number of people who have answered all tasks.
-        answers: number of answers.
-    """
-
-    people: int
-    finished: int
-    answers: int
-
-
 class AnswersDatabase:
     """The answers of a study, for the server; thread-safe."""
 
@@ -295,13 +280,6 @@ class AnswersDatabase:
                 (person.number,),
             )
         self._empty_log()
-
-    def stored(self) -> Stored:
-        """Return counts for people and answers."""
-        with self._lock:
-            counts = self._connection.execute(COUNTS, (self._turns,)).fetchall()
-            (answers,) = self._connection.execute("SELECT COUNT(*) FROM answers").fetchone()
-        return Stored(sum(row[2] for row in counts), sum(row[3] for row in counts), answers)
 
     def close(self) -> None:
         """Close the database file; SQLite then removes the write-ahead log."""

@@ -115,20 +115,6 @@ class HumanSummary(Record):
     conditions: tuple[PeopleCondition, ...]
 
 
-class ExportedAnswers(Record):
-    """An exported file of answers.
-
-    Attributes:
-        out: path of the file.
-        people: number of people who have begun.
-        answers: number of answers, one a line.
-    """
-
-    out: str
-    people: Count
-    answers: Count
-
-
 def view_people(
     sources: Mapping[Path, ReadStudy],
     agents: Mapping[str, Mapping[TableKey, AgentGame]] | None = None,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wordcraft_kg.agents.discovery import Discoverer, make_discoverers
-from wordcraft_kg.apps.text_agents.benchmark import Track, open_track
+from wordcraft_kg.apps.text_agents.benchmark import Track, open_track, read_manifest
 from wordcraft_kg.apps.text_agents.chat_server import KEY, ChatServer
 from wordcraft_kg.apps.text_agents.games import Picks
 from wordcraft_kg.apps.text_agents.line_player import LinePlayer
@@ -26,7 +26,13 @@ from wordcraft_kg.apps.text_agents.records import (
 from wordcraft_kg.apps.text_agents.results import TextPlayer, play_all, read_games
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
 from wordcraft_kg.apps.text_agents.submission import (
+    LONGEST_NAME,
+    LONGEST_TEXT,
+    MOST_DOLLARS,
+    MOST_TOKENS,
     Submission,
+    acceptable,
+    check_declared,
     read_submission_file,
     replay,
 )
@@ -36,6 +42,7 @@ from wordcraft_kg.base import (
     GraphMismatchError,
     as_lines,
     check_file,
+    number_in,
     sha256_of,
     whole,
 )
@@ -567,6 +574,77 @@ def enter(track: Track, player: str, settings: RunSettings) -> tuple[str, Entran
     check_file(settings.weights)
     weights = {settings.weights.name: sha256_of(settings.weights)}
     return name, replace(kind.enter(track, argument, settings), weights=weights)
+
+
+@dataclass(frozen=True)
+class Declared:
+    """What the user declares about a player; None where nothing is declared.
+
+    Attributes:
+        name: name in tables.
+        training_data: data on which the player was trained.
+        licence: licence of the player or its weights.
+        tokens: numbers of input and output tokens.
+        price: price of the evaluation in US dollars.
+    """
+
+    name: str | None
+    training_data: str | None
+    licence: str | None
+    tokens: tuple[int, int] | None
+    price: float | None
+
+    def check(self, weights: Path | None) -> None:
+        """Raise a ConfigError for a text or a number that a submission may not hold.
+
+        ``weights`` is the file with the player's weights, whose name becomes part of the
+        submission.
+        """
+        for option, text, limit in (
+            ("name", self.name, LONGEST_NAME),
+            ("training_data", self.training_data, LONGEST_TEXT),
+            ("licence", self.licence, LONGEST_NAME),
+            ("weights", None if weights is None else weights.name, LONGEST_TEXT),
+        ):
+            if text is not None:
+                check_declared(option, text, limit)
+        numbers = f"two numbers of tokens, 0 to {MOST_TOKENS:,}"
+        for number in self.tokens or ():
+            number_in("tokens", number, 0, MOST_TOKENS, numbers)
+        if self.price is not None:
+            number_in("price", self.price, 0, MOST_DOLLARS, f"US dollars, 0 to {MOST_DOLLARS:,}")
+
+    def facts(self, entrant: Entrant) -> dict[str, Any]:
+        """Return fields of the submission: as declared, else as the player's folder says."""
+        tokens = entrant.tokens
+        if tokens is None and self.tokens is not None:
+            tokens = dict(zip(("input", "output"), self.tokens, strict=True))
+        return {
+            "player": self.name or acceptable(entrant.name, LONGEST_NAME),
+            "weights": dict(entrant.weights),
+            "training_data": self.training_data or acceptable(entrant.training_data),
+            "tokens": None if tokens is None else dict(tokens),
+            "price": self.price,
+            "licence": self.licence or acceptable(entrant.licence, LONGEST_NAME),
+        }
+
+
+def prompts_of(entrant: Entrant, declared_hash: str | None) -> dict[str, Any]:
+    """Return the submission's fields about prompts.
+
+    Args:
+        entrant: the player.
+        declared_hash: hash of the user's own prompts; None without any.
+    """
+    prompt_hash = entrant.prompt_hash
+    standard = read_manifest()[0].prompts.values()
+    if declared_hash is not None or (prompt_hash is not None and prompt_hash not in standard):
+        kind = "custom"
+    elif prompt_hash is None:
+        kind = "none"
+    else:
+        kind = "standard"
+    return {"prompts": kind, "prompt_hash": declared_hash or prompt_hash}
 
 
 def reproduce(

@@ -36,10 +36,12 @@ from wordcraft_kg.base import (
     Count,
     EpisodeError,
     Hash,
+    OutputExistsError,
     Record,
     Share,
     as_lines,
     as_values,
+    check_output,
     counted,
     dump_json,
     made_folder,
@@ -47,9 +49,10 @@ from wordcraft_kg.base import (
     read_small_file,
     refuse,
     schema_of,
+    what_is,
     write_atomically,
 )
-from wordcraft_kg.base.artefacts import SMALL_FILE, ZipArchive
+from wordcraft_kg.base.artefacts import SMALL_FILE, ZipArchive, has_only_temporary
 from wordcraft_kg.base.settings import one_line
 from wordcraft_kg.base.statistics import student_interval, task_bootstrap
 from wordcraft_kg.base.wording import look_alike_key
@@ -311,6 +314,18 @@ def answers_text(submission: Submission) -> str:
     return "none" if share is None else f"{share:.1%}"
 
 
+def result_lines(submission: Submission) -> list[str]:
+    """Return the result of a submission as lines of text."""
+    games = counted(submission.figures.games, "game")
+    result = (
+        f"{submission.track}  {submission.player}  {metrics_text(submission.figures)} over {games}"
+    )
+    if submission.prompts == "none":
+        return [result]
+    lost = counted(submission.lost_attempts, "attempt")
+    return [result, f"answers read  {answers_text(submission)}, {lost} lost"]
+
+
 def metrics_of(track: Track, lines: Sequence[GameLine]) -> TrackMetrics:
     """Return the results over all games of a track.
 
@@ -351,6 +366,35 @@ def metrics_of(track: Track, lines: Sequence[GameLine]) -> TrackMetrics:
 
 def _rounded(value: float | np.floating) -> float:
     return round(float(value), _DIGITS)
+
+
+def check_folder(out: Path, games: Path, *, is_program: bool, force: bool) -> bool:
+    """Check that a submission may be written, or continued, in a folder.
+
+    Args:
+        out: folder of the submission.
+        games: file with a program's games, perhaps of an interrupted run.
+        is_program: whether a program plays: only a program's games can be continued.
+        force: whether the user allows that an earlier submission is replaced.
+
+    Returns:
+        Whether earlier games are replaced at the end.
+
+    Raises:
+        OutputExistsError: if the folder has other files, or a submission without ``force``.
+    """
+    is_finished = (out / SUBMISSION_FILE).exists()
+    has_games = games.is_file()
+    is_continued = is_program and has_games and not is_finished
+    is_free = out.is_dir() and has_only_temporary(out)
+    if not is_continued and not is_free:
+        check_output(out, force=force)
+        # Even --force replaces submissions only, never a folder that happens to have this name.
+        if out.is_dir() and not is_finished and any(out.iterdir()):
+            raise OutputExistsError(
+                f"'{out}' {what_is(out)}, not a submission. Choose another `out`."
+            )
+    return force and (is_finished or has_games)
 
 
 def write_submission(

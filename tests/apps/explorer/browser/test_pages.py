@@ -153,7 +153,7 @@ def predicted_site(hostile_predictor):
     [
         *(
             ("entity", {"entity": LONG}),
-            ("entity", {"entity": MARKUP, "learned": True}),
+            ("entity", {"entity": MARKUP}),
             ("recipes", {"entity": LONG}),
         ),
         *(("link", {"head": LONG, "tail": MARKUP}), ("pair", {"a": LONG, "b": MARKUP})),

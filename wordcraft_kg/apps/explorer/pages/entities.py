@@ -223,12 +223,10 @@ class EntityState(PageState):
     Attributes:
         entity: label; empty for the most used entity.
         model: name of the model; empty for the first.
-        learned: whether predictions list training links, too.
     """
 
     entity: str = ""
     model: str = ""
-    learned: bool = False
 
 
 class RecipesState(PageState):
@@ -346,9 +344,7 @@ def _view(explored: Explored, state: EntityState) -> EntityProfile:
             suggested = suggest_recipes(predictor.model, label, PREDICTED).suggestions
     elif predictor is not None:
         scored = [predictor.slot(entity, relation, side) for relation, side in OPEN_SLOTS]
-        slots = tuple(
-            predictor.best(slot, with_learned=state.learned, top=PREDICTED) for slot in scored
-        )
+        slots = tuple(predictor.best(slot, top=PREDICTED) for slot in scored)
         nearest = _alike(graph.entities, predictor.evidence.roles.nearest(entity, NEAREST))
     return EntityProfile(
         entity=label,

@@ -4,22 +4,20 @@ import sys
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from wordcraft_kg.apps.people.config import CONSENT, StudyConfig
-from wordcraft_kg.base import ConfigError, counted, read_small_file
+from wordcraft_kg.base import ConfigError, as_lines, read_small_file, staged_file
 from wordcraft_kg.cli.console import Flag, Output, aligned, whole_numbers
 from wordcraft_kg.cli.options import Book, Force
 
 if TYPE_CHECKING:
-    from wordcraft_kg.apps.people.answers_database import Stored
-    from wordcraft_kg.apps.people.study import Session, TableKey
+    from wordcraft_kg.apps.people.study import ReadStudy, Session, TableKey
     from wordcraft_kg.apps.people.summary import (
         AgentGame,
         AnswerRate,
-        ExportedAnswers,
         HumanSummary,
     )
 
@@ -93,17 +91,14 @@ def people_serve(  # noqa: PLR0913 - parameters are the command's options
         with kept_answers(out, study) as answers:
 
             def started(address: str) -> None:
-                output.result(
-                    {"address": address},
-                    [f"{address}   {_counts(answers.stored())} so far   Ctrl-C stops the server"],
-                )
+                output.result({"address": address}, [f"{address}   Ctrl-C stops the server"])
 
-            # Counts are of this moment: the same command continues a study.
             app = make_study_app(study, answers, host, allow_host or ())
             serve(app, listening, started, in_browser=not no_browser)
-            stored = answers.stored()
     print(
-        f"stopped; {_counts(stored)} stored in {out}; repeat the command to resume", file=sys.stderr
+        f"stopped; the answers are in {out}: `wordcraft-kg people summary {out}` counts them, and "
+        "the same command resumes the study",
+        file=sys.stderr,
     )
 
 
@@ -118,12 +113,6 @@ def _consent(path: Path | None) -> str:
     # Blanks at the end of a line must not hide the blank line between two paragraphs.
     paragraphs = "\n".join(line.strip() for line in lines).split("\n\n")
     return "\n\n".join(paragraph.strip() for paragraph in paragraphs if paragraph.strip())
-
-
-def _counts(stored: "Stored") -> str:
-    people = counted(stored.people, "person", "people")
-    answers = counted(stored.answers, "answer")
-    return f"{people} ({stored.finished:,} finished) and {answers}"
 
 
 NOTE = (
@@ -157,7 +146,7 @@ def people_summary(
     if export is not None:
         if run or len(studies) != 1:
             raise ConfigError("--export takes one folder of `people serve`, without --run.")
-        output.result(*_exported(studies[0], export, force))
+        output.result(*_exported(read_study(studies[0]), export, force))
         return
     if force:
         raise ConfigError("--force replaces an exported file; add --export FILE.")
@@ -169,19 +158,13 @@ def people_summary(
     output.result(view, _text(view))
 
 
-def _exported(folder: Path, out: Path, force: bool) -> tuple["ExportedAnswers", list[str]]:
-    from wordcraft_kg.apps.people.study import read_study
-    from wordcraft_kg.apps.people.summary import ExportedAnswers
-    from wordcraft_kg.base.artefacts import staged_file
-    from wordcraft_kg.base.records import as_lines
-
-    # Read and checked as a whole before the file is made.
-    study = read_study(folder)
+def _exported(study: "ReadStudy", out: Path, force: bool) -> tuple[dict[str, Any], list[str]]:
     lines = as_lines(study.lines())
     with staged_file(out, force=force) as path:
         path.write_text("".join(lines), encoding="utf-8")
-    view = ExportedAnswers(str(out), len(study.people), len(lines))
-    return view, [f"wrote {out}: answers: {view.answers:,}, people: {view.people:,}"]
+    people = len(study.people)
+    view = {"out": str(out), "people": people, "answers": len(lines)}
+    return view, [f"wrote {out}: answers: {len(lines):,}, people: {people:,}"]
 
 
 def _compared(

@@ -4,8 +4,6 @@ import hashlib
 import shutil
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,20 +13,15 @@ from cyclopts import Parameter
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
 from wordcraft_kg.base import (
     ConfigError,
-    OutputExistsError,
     WordCraftKGError,
-    check_output,
     counted,
     read_small_file,
-    what_is,
 )
-from wordcraft_kg.base.artefacts import has_only_temporary
 from wordcraft_kg.cli.console import Flag, Output, aligned
 from wordcraft_kg.cli.options import Force
 
 if TYPE_CHECKING:
-    from wordcraft_kg.apps.text_agents.benchmark_players import Entrant
-    from wordcraft_kg.apps.text_agents.submission import Submission
+    pass
 
 GROUP = "Text agents"
 FILE_ONLY = {"bench run": ("--price",)}
@@ -126,20 +119,28 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
         parallel: games at a time, for openai:MODEL.
     """
     from wordcraft_kg.apps.text_agents.benchmark import open_track, rank_text
-    from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter
+    from wordcraft_kg.apps.text_agents.benchmark_players import (
+        Declared,
+        RunSettings,
+        enter,
+        prompts_of,
+    )
     from wordcraft_kg.apps.text_agents.records import GAMES_FILE
     from wordcraft_kg.apps.text_agents.results import continuable
-    from wordcraft_kg.apps.text_agents.submission import MESSAGES, write_submission
+    from wordcraft_kg.apps.text_agents.submission import (
+        MESSAGES,
+        check_folder,
+        result_lines,
+        write_submission,
+    )
     from wordcraft_kg.runs.run_folder import locked_folder
 
     # Everything that the user can mistype is checked before the games, which may take hours.
     messages = out / MESSAGES
     is_program = player.startswith(("program:", "openai:"))
-    check_folder = partial(
-        _check_folder, out, messages / GAMES_FILE, is_program=is_program, force=force
-    )
-    check_folder()
-    declared = _Declared(name, training_data, licence, tokens, price)
+    games = messages / GAMES_FILE
+    check_folder(out, games, is_program=is_program, force=force)
+    declared = Declared(name, training_data, licence, tokens, price)
     declared.check(weights)
     prompts_hash = None
     if prompts is not None:
@@ -148,7 +149,7 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
     begin = time.perf_counter()
     with locked_folder(out, "written"):
         # Once more under the lock: another process may have played meanwhile.
-        is_replacing = check_folder()
+        is_replacing = check_folder(out, games, is_program=is_program, force=force)
         with continuable(messages):
             settings = RunSettings(
                 messages, look_ups, timeout, weights, is_replacing, base_url, parallel
@@ -162,7 +163,7 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
         about = {
             "kind": kind,
             **declared.facts(entrant),
-            **_prompts(entrant, prompts_hash),
+            **prompts_of(entrant, prompts_hash),
             "seconds": seconds if measured else None,
             "date": time.strftime("%Y-%m-%d", time.gmtime()) if measured else None,
         }
@@ -173,137 +174,8 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
             shutil.rmtree(messages, ignore_errors=True)
     rank = rank_text(benchmark_track.name, submission.figures.mean)
     view = {"out": str(out), "submission": submission, "rank": rank}
-    lines = [*_shown(submission), *filter(None, [rank])]
+    lines = [*result_lines(submission), *filter(None, [rank])]
     output.result(view, [*lines, f"wrote {out}/   next: wordcraft-kg bench verify {out}"])
-
-
-def _check_folder(out: Path, games: Path, *, is_program: bool, force: bool) -> bool:
-    """Check that a submission may be written, or continued, in a folder.
-
-    Args:
-        out: folder of the submission.
-        games: file with a program's games, perhaps of an interrupted run.
-        is_program: whether a program plays: only a program's games can be continued.
-        force: whether the user allows that an earlier submission is replaced.
-
-    Returns:
-        Whether earlier games are replaced at the end.
-
-    Raises:
-        OutputExistsError: if the folder has other files, or a submission without ``force``.
-    """
-    from wordcraft_kg.apps.text_agents.submission import SUBMISSION_FILE
-
-    is_finished = (out / SUBMISSION_FILE).exists()
-    has_games = games.is_file()
-    is_continued = is_program and has_games and not is_finished
-    is_free = out.is_dir() and has_only_temporary(out)
-    if not is_continued and not is_free:
-        check_output(out, force=force)
-        # Even --force replaces submissions only, never a folder that happens to have this name.
-        if out.is_dir() and not is_finished and any(out.iterdir()):
-            raise OutputExistsError(
-                f"'{out}' {what_is(out)}, not a submission. Choose another `out`."
-            )
-    return force and (is_finished or has_games)
-
-
-@dataclass(frozen=True)
-class _Declared:
-    """What the user declares about a player; None where nothing is declared.
-
-    Attributes:
-        name: name in tables.
-        training_data: data on which the player was trained.
-        licence: licence of the player or its weights.
-        tokens: numbers of input and output tokens.
-        price: price of the evaluation in US dollars.
-    """
-
-    name: str | None
-    training_data: str | None
-    licence: str | None
-    tokens: tuple[int, int] | None
-    price: float | None
-
-    def check(self, weights: Path | None) -> None:
-        """Raise a ConfigError for a text or a number that a submission may not hold.
-
-        ``weights`` is the file with the player's weights, whose name becomes part of the
-        submission.
-        """
-        from wordcraft_kg.apps.text_agents.submission import (
-            LONGEST_NAME,
-            LONGEST_TEXT,
-            MOST_DOLLARS,
-            MOST_TOKENS,
-            check_declared,
-        )
-        from wordcraft_kg.base.settings import number_in
-
-        for option, text, limit in (
-            ("name", self.name, LONGEST_NAME),
-            ("training_data", self.training_data, LONGEST_TEXT),
-            ("licence", self.licence, LONGEST_NAME),
-            ("weights", None if weights is None else weights.name, LONGEST_TEXT),
-        ):
-            if text is not None:
-                check_declared(option, text, limit)
-        numbers = f"two numbers of tokens, 0 to {MOST_TOKENS:,}"
-        for number in self.tokens or ():
-            number_in("tokens", number, 0, MOST_TOKENS, numbers)
-        if self.price is not None:
-            number_in("price", self.price, 0, MOST_DOLLARS, f"US dollars, 0 to {MOST_DOLLARS:,}")
-
-    def facts(self, entrant: "Entrant") -> dict[str, Any]:
-        """Return fields of the submission: as declared, else as the player's folder says."""
-        from wordcraft_kg.apps.text_agents.submission import LONGEST_NAME, acceptable
-
-        tokens = entrant.tokens
-        if tokens is None and self.tokens is not None:
-            tokens = dict(zip(("input", "output"), self.tokens, strict=True))
-        return {
-            "player": self.name or acceptable(entrant.name, LONGEST_NAME),
-            "weights": dict(entrant.weights),
-            "training_data": self.training_data or acceptable(entrant.training_data),
-            "tokens": None if tokens is None else dict(tokens),
-            "price": self.price,
-            "licence": self.licence or acceptable(entrant.licence, LONGEST_NAME),
-        }
-
-
-def _prompts(entrant: "Entrant", declared_hash: str | None) -> dict[str, Any]:
-    """Return the submission's fields about prompts.
-
-    Args:
-        entrant: the player.
-        declared_hash: hash of the user's own prompts; None without any.
-    """
-    from wordcraft_kg.apps.text_agents.benchmark import read_manifest
-
-    prompt_hash = entrant.prompt_hash
-    standard = read_manifest()[0].prompts.values()
-    if declared_hash is not None or (prompt_hash is not None and prompt_hash not in standard):
-        kind = "custom"
-    elif prompt_hash is None:
-        kind = "none"
-    else:
-        kind = "standard"
-    return {"prompts": kind, "prompt_hash": declared_hash or prompt_hash}
-
-
-def _shown(submission: "Submission") -> list[str]:
-    """Return the result as lines of text."""
-    from wordcraft_kg.apps.text_agents.submission import answers_text, metrics_text
-
-    games = counted(submission.figures.games, "game")
-    result = (
-        f"{submission.track}  {submission.player}  {metrics_text(submission.figures)} over {games}"
-    )
-    if submission.prompts == "none":
-        return [result]
-    lost = counted(submission.lost_attempts, "attempt")
-    return [result, f"answers read  {answers_text(submission)}, {lost} lost"]
 
 
 def bench_verify(

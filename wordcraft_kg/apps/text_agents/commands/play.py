@@ -137,10 +137,7 @@ def play(  # noqa: PLR0913 - parameters are the command's options
     if browser or export:
         if has_task_options or open_ended or base or attempts is not None:
             raise ConfigError("--browser and --export have their own tasks: leave out the options.")
-        if export:
-            _export(graph, export, force, output)
-        if browser:
-            _serve(graph, host, port, output)
+        _play_page(graph, export, browser, host, port, force, output)
         return
     if (host, port) != (HOST, PORT):
         raise ConfigError("--host and --port are for a server; add --browser.")
@@ -172,34 +169,35 @@ def play(  # noqa: PLR0913 - parameters are the command's options
         _play_tasks(terminal, games, seed, episodes, output)
 
 
-def _export(source: str, path: Path, force: bool, output: Output) -> None:
+def _play_page(
+    source: str,
+    export: Path | None,
+    browser: bool,
+    host: str,
+    port: int,
+    force: bool,
+    output: Output,
+) -> None:
     from wordcraft_kg.base.extras import check_extra
-    from wordcraft_kg.graphs.folder import open_graph
 
     check_extra("explore")
-    from wordcraft_kg.apps.text_agents.browser_game import export_game, icons_of
-
-    graph = open_graph(source).graph
-    export_game(graph, path, icons_of(source, graph), force=force)
-    output.result({"game": str(path)}, [f"wrote {path}: open it in a browser"])
-
-
-def _serve(source: str, host: str, port: int, output: Output) -> None:
-    from wordcraft_kg.base.extras import check_extra
-    from wordcraft_kg.graphs.folder import open_graph
-
-    check_extra("explore")
-    from wordcraft_kg.apps.text_agents.browser_game import icons_of, make_game_app
+    from wordcraft_kg.apps.text_agents.browser_game import export_game, icons_of, make_game_app
     from wordcraft_kg.apps.web.serving import listen, serve
+    from wordcraft_kg.graphs.folder import open_graph
 
     graph = open_graph(source).graph
-    app = make_game_app(graph, host, icons_of(source, graph))
+    icons = icons_of(source, graph)
+    if export:
+        export_game(graph, export, icons, force=force)
+        output.result({"game": str(export)}, [f"wrote {export}: open it in a browser"])
+    if browser:
+        app = make_game_app(graph, host, icons)
 
-    def started(address: str) -> None:
-        output.result({"address": address}, [f"{address}   Ctrl-C stops the server"])
+        def started(address: str) -> None:
+            output.result({"address": address}, [f"{address}   Ctrl-C stops the server"])
 
-    with listen(host, port) as listening:
-        serve(app, listening, started, in_browser=True)
+        with listen(host, port) as listening:
+            serve(app, listening, started, in_browser=True)
 
 
 def _play_tasks(

@@ -21,7 +21,6 @@ from wordcraft_kg.models.scorers.kernel import TEXT, completion, profiles
 from wordcraft_kg.models.scorers.neighbours import (
     blocks,
     compiled as compiling,
-    knowledge,
     lists as lists_module,
 )
 from wordcraft_kg.models.scorers.neighbours.feature_loops import FLOOR as LEAST_EVIDENCE, LEAST
@@ -412,7 +411,7 @@ def test_two_threads_compute_the_same_features_as_one(monkeypatch):
         pools.append(workers)
         return ThreadPoolExecutor(workers)
 
-    monkeypatch.setattr(knowledge, "ThreadPoolExecutor", pool)
+    monkeypatch.setattr(blocks, "ThreadPoolExecutor", pool)
     with torch_threads(2):
         assert torch.equal(known.features(goal, table, model), alone)
     # Features of links, then those of pairs.

@@ -418,7 +418,7 @@ def ordered_recipes(recipes: Ids) -> Ids:
     return np.unique(rows, axis=0)
 
 
-def _counted(ids: Numbers, size: int) -> Numbers:
+def _counted(ids: Ids | Numbers, size: int) -> Numbers:
     return np.bincount(ids, minlength=size).astype(np.int32)
 
 

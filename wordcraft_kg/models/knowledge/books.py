@@ -27,6 +27,7 @@ from wordcraft_kg.graphs import (
 from wordcraft_kg.models.knowledge.words import words_of_books
 from wordcraft_kg.models.scorers.config import fitting_workers
 from wordcraft_kg.models.scorers.features import EntityFeatures
+from wordcraft_kg.models.scorers.neighbours.lists import ordered_recipes
 
 _DIM = 384
 """Length of a word vector, about, to say before the start how much memory another book takes."""
@@ -115,14 +116,15 @@ def open_other_book(
     labels = (*graph.entities, *book.labels(np.flatnonzero(is_new)))
     size = len(labels)
     fitting_workers(size, book.num_recipes, _DIM, most=1)
-    recipes = _distinct(ids[book.recipes])
+    # Labels of a book that are one entity in another make two recipes equal.
+    recipes = ordered_recipes(ids[book.recipes])
     held_out = graph.recipes[~opened.split.is_in("train")]
     is_shared = is_in(recipes, held_out if keep_train else graph.recipes, size)
     left_out = int(is_shared.sum())
     # A recipe that equals a left-out one once labels are compared is left out, too.
     for third in without:
         in_further = book.recipes[shared_recipes(book, third)]
-        is_shared |= is_in(recipes, _distinct(ids[in_further]), size)
+        is_shared |= is_in(recipes, ordered_recipes(ids[in_further]), size)
     used_recipes = recipes[~is_shared]
     if not len(used_recipes):
         raise ConfigError(
@@ -166,19 +168,8 @@ def shared_recipes(graph: RecipeGraph, book: RecipeGraph) -> NDArray[np.bool_]:
     rows = graph.recipes.copy()
     rows[:, :2].sort(axis=1)
     ids = ids_among(graph.entities, book.entities)
-    book_rows = _distinct(ids[book.recipes])
+    book_rows = ordered_recipes(ids[book.recipes])
     return is_in(rows, book_rows, graph.num_entities + book.num_entities)
-
-
-def _distinct(recipes: Ids) -> Ids:
-    """Return different recipes, shape (n, 3), the smaller ingredient first.
-
-    Books may share recipes, and labels of a book that are one entity in another make two recipes
-    equal.
-    """
-    rows = recipes.copy()
-    rows[:, :2].sort(axis=1)
-    return np.unique(rows, axis=0)
 
 
 def with_words_of(
@@ -246,7 +237,7 @@ def recipes_together(books: Sequence[OtherBook], labels: Iterable[str]) -> Ids:
     for book in books:
         ids = np.array([place[label] for label in book.labels])
         rows.append(ids[book.recipes])
-    return _distinct(np.concatenate(rows))
+    return ordered_recipes(np.concatenate(rows))
 
 
 def joined(books: Sequence[OtherBook], opened: OpenedGraph) -> tuple[OpenedGraph, dict[str, int]]:

@@ -91,22 +91,13 @@ class KnowledgeTables:
         if tuple(entities) == self.record.entities:
             return self
         row_of = {label: row for row, label in enumerate(self.record.entities)}
-        # Rows of the new tables, and the same labels' rows in the record.
-        new_rows = []
-        old_rows = []
-        for row, label in enumerate(entities):
-            if label in row_of:
-                new_rows.append(row)
-                old_rows.append(row_of[label])
-        to = torch.tensor(new_rows, dtype=torch.int64)
-        source = torch.tensor(old_rows, dtype=torch.int64)
-        size = len(entities)
+        # Missing labels have the row and the column behind the last, of zeros.
+        ids = [row_of.get(label, len(row_of)) for label in entities]
+        rows = torch.tensor(ids, dtype=torch.int64)
         tables = []
         for table in self.tables:
-            rearranged = torch.zeros(size, size, dtype=torch.half)
-            # A column of rows and a row of columns: all pairs of known labels.
-            rearranged[to[:, None], to] = table[source[:, None], source]
-            tables.append(rearranged)
+            with_zeros = torch.nn.functional.pad(table, (0, 1, 0, 1))
+            tables.append(with_zeros[rows[:, None], rows])
         record = msgspec.structs.replace(self.record, entities=tuple(entities))
         return KnowledgeTables(record, tuple(tables))
 
@@ -119,10 +110,8 @@ class KnowledgeTables:
         is_known = torch.zeros(len(self.record.entities), dtype=torch.bool)
         for table in self.tables:
             has_value = table != 0
-            # By column and by row: an entity may be a result only, or an ingredient only.
-            is_ingredient = has_value.any(1)
-            is_result = has_value.any(0)
-            is_known |= is_ingredient | is_result
+            # By row and by column: an entity may be an ingredient only, or a result only.
+            is_known |= has_value.any(1) | has_value.any(0)
         described = set(compress(self.record.entities, is_known.tolist()))
         num_described = sum(label in described for label in entities)
         return num_described / max(len(entities), 1)

@@ -238,12 +238,14 @@ def read_overrides(path: Path) -> dict[str, str]:
 def coverage_of(alignment: Alignment) -> tuple[Coverage, ...]:
     """Return numbers of entities and mean confidences by method, most entities first."""
     methods = np.array(alignment.methods)
-    coverage = []
-    for method, count in Counter(alignment.methods).most_common():
-        confidences = alignment.confidences[methods == method]
-        confidence = float(confidences.mean())
-        coverage.append(Coverage(method=method, entities=count, confidence=confidence))
-    return tuple(coverage)
+    return tuple(
+        Coverage(
+            method=method,
+            entities=count,
+            confidence=float(alignment.confidences[methods == method].mean()),
+        )
+        for method, count in Counter(alignment.methods).most_common()
+    )
 
 
 def _alignment_rows(

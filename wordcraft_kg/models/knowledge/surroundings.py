@@ -127,20 +127,15 @@ class Surroundings:
 
     def _classes(self) -> Iterator[tuple[int, int, int]]:
         """Yield an edge from each entity's node to each direct or indirect class."""
+        import networkx as nx
+
         (relation,) = self._network.ids_of(IS_A)
-        direct_classes = defaultdict[int, list[int]](list)
         edges = self._network.edges
-        is_class = edges[:, 1] == relation
-        for head, _, tail in edges[is_class].tolist():
-            direct_classes[head].append(tail)
+        classes = nx.DiGraph()
+        classes.add_nodes_from(self._labels)
+        classes.add_edges_from(edges[edges[:, 1] == relation][:, ::2].tolist())
         for node in self._labels:
-            # The list grows while it is read: breadth first, each class once.
-            classes = list(direct_classes[node])
-            for current in classes:
-                for higher in direct_classes[current]:
-                    if higher not in classes:
-                        classes.append(higher)
-            for ancestor in classes:
+            for ancestor in nx.descendants(classes, node):
                 yield node, relation, ancestor
 
     def _names(self, node: int) -> Iterable[str]:

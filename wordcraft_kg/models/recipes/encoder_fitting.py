@@ -22,6 +22,7 @@ from torch import Tensor, nn
 
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs import Folds, Ids
+from wordcraft_kg.graphs.arrays import different_ingredients
 from wordcraft_kg.models.recipes.fitting import LeftOut
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder, pair_inputs
 
@@ -217,9 +218,8 @@ class _Draws:
     """Random results and ingredients, drawn by how often recipes have them."""
 
     def __init__(self, recipes: Ids, size: int):
-        first, second, results = recipes.T
-        make_counts = np.bincount(results, minlength=size)
-        users = np.concatenate([first, second[first != second]])
+        make_counts = np.bincount(recipes[:, 2], minlength=size)
+        _, users = different_ingredients(recipes, size)
         # Half by frequency to the power .75 (Mikolov et al. 2013), half evenly.
         by_count = make_counts**0.75
         self.of_results = 0.5 * by_count / by_count.sum() + 0.5 / size

@@ -38,6 +38,7 @@ from wordcraft_kg.graphs import (
     recipe_keys,
     recipe_triples,
 )
+from wordcraft_kg.graphs.arrays import different_ingredients
 from wordcraft_kg.models.knowledge.outside import NOTHING, LinkTables
 from wordcraft_kg.models.knowledge.words import Words
 from wordcraft_kg.models.recipes.committee import HIDDEN, LINKS, Examples, Schedule, fit_committee
@@ -47,6 +48,7 @@ from wordcraft_kg.models.scorers.neighbours.lists import Lists
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
 from wordcraft_kg.models.scorers.neighbours.pair_features import (
     FEATURES,
+    only_pair,
     pair_features,
     pairs_of,
     with_link_scores,
@@ -357,9 +359,8 @@ def _knowing(
     sampled_recipes = recipes[:: max(1, len(recipes) // KNOWN)]
     a, b, goal = torch.from_numpy(sampled_recipes.copy()).T
     table = torch.stack([a, b], dim=1)
-    # The recipe's two slots, not the pairs of a slot with itself.
-    pair = (torch.tensor([0]), torch.tensor([1]))
-    known_features = knowledge.features(goal, table, torch.zeros_like(goal), pair)
+    slots = only_pair(goal.device)
+    known_features = knowledge.features(goal, table, torch.zeros_like(goal), slots)
     highest = ranker(examples.features[examples.competes]).amax()
     return with_known(ranker, known_features[:, 0], makes, highest)
 
@@ -411,8 +412,8 @@ def _add_link_scores(lesson: _Lesson, link_rankers: Mapping[int, Ranker]) -> Non
     if lesson.results is not None and lesson.result_links is not None:
         # A table for each candidate, whose only pair is slot 0 with slot 1: (N C, 1, F).
         every = lesson.results.features.view(-1, 1, lesson.results.features.shape[2])
-        only_pair = (torch.tensor([0]), torch.tensor([1]))
-        with_link_scores(every, component(lesson.result_links), None, only_pair)
+        slots_of_pair = only_pair(every.device)
+        with_link_scores(every, component(lesson.result_links), None, slots_of_pair)
 
 
 def _with_tables(
@@ -558,9 +559,9 @@ def _result_queries(
     has_right = is_right.any(1)
     query_candidates = candidates[has_right]
     tables = np.repeat(pairs[has_right], query_candidates.shape[1], axis=0)
-    only_pair = (np.array([0]), np.array([1]))
     goals = query_candidates.ravel()
-    links, every = table_examples(lists, encoder, tables, goals, known_recipes, only_pair)
+    slots_of_pair = only_pair(torch.device("cpu"))
+    links, every = table_examples(lists, encoder, tables, goals, known_recipes, slots_of_pair)
     # (N C, 1, F) to (N, C, F).
     features = every.features.view(*query_candidates.shape, -1)
     return links, Examples(features, _tensor(competes[has_right]), _tensor(is_right[has_right]))
@@ -668,7 +669,7 @@ def table_examples(
     tables: Ids,
     goals: Ids,
     known: Ids,
-    slot_pairs: tuple[Ids, Ids] | None = None,
+    slot_pairs: tuple[Tensor, Tensor] | None = None,
 ) -> tuple[Tensor, Examples]:
     """Make queries from tables: which pairs make the goal?
 
@@ -685,12 +686,8 @@ def table_examples(
         features of the links of slots to goals, shape (N, A, 15); and queries with features of
         pairs, (N, P, F), where scores of link rankers are 0.
     """
-    if slot_pairs is None:
-        first_slots, second_slots = (
-            part.numpy() for part in pairs_of(tables.shape[1], torch.device("cpu"))
-        )
-    else:
-        first_slots, second_slots = slot_pairs
+    slots = slot_pairs or pairs_of(tables.shape[1], torch.device("cpu"))
+    first_slots, second_slots = (part.numpy() for part in slots)
     links = links_by_key(lists, COMPONENT_OF, goals, tables)
     features = _tensor(
         pair_features(lists, (first_slots, second_slots), goals, tables, links.numpy())
@@ -737,9 +734,7 @@ def _tables(
         ids, shape (n, 2 + most distractors); -1 is an empty slot.
     """
     # In a recipe a + a, the entity counts once.
-    self_pairs = known_recipes[:, 0] == known_recipes[:, 1]
-    second = known_recipes[~self_pairs, 1]
-    users = np.concatenate([known_recipes[:, 0], second])
+    _, users = different_ingredients(known_recipes, size)
     weights = 1.0 + np.bincount(users, minlength=size)
     ends = np.cumsum(weights)
     slots = 2 + max(TABLES)

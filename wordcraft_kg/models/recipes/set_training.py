@@ -23,12 +23,11 @@ from wordcraft_kg.graphs import (
     Ids,
     OpenedGraph,
     RecipeGraph,
-    triples_hash,
 )
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.records import FitDone, SetMetrics, TrainedSets
 from wordcraft_kg.models.recipes.set_fitting import FittedSets, fit_sets, folds_of_recipes
-from wordcraft_kg.models.scorers.cross_fitting import Fold, FoldsRecord
+from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
 from wordcraft_kg.models.scorers.features import make_features, named
 from wordcraft_kg.models.scorers.folder import (
     FOLDS_RECORD,
@@ -254,11 +253,11 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
             **fitted.tensors(),
         }
         write_scorer(run.path, SetScorer.kind, tensors, self.opened.graph)
+        knowledge = SetKnowledge(self.recipes, self.parts.amounts, self.words)
         outputs: tuple[str, ...] = _OUTPUTS
         if self.folds is not None:
             outputs += (FOLDS_RECORD, FOLDS_TENSORS)
-            self._write_folds(run.path, self.folds, fitted)
-        knowledge = SetKnowledge(self.recipes, self.parts.amounts, self.words)
+            self._write_folds(run.path, self.folds, fitted, knowledge.style_parts)
         metrics = SetMetrics(
             kg=settings.kg,
             recipes=len(self.recipes),
@@ -276,11 +275,18 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
         run.finish(outputs, self._card(metrics))
         return TrainedSets(run.path, metrics)
 
-    def _write_folds(self, folder: Path, folds: Folds, fitted: FittedSets) -> None:
-        """Write the models without each fold, whose links nobody ranks."""
+    def _write_folds(
+        self, folder: Path, folds: Folds, fitted: FittedSets, style_parts: Flags
+    ) -> None:
+        """Write the models without each fold, whose links nobody ranks.
+
+        Args:
+            folder: the model's folder.
+            folds: of the train recipes.
+            fitted: has the fit of each fold.
+            style_parts: of the knowledge of all recipes, shape (P,).
+        """
         tensors = {OF_RECIPE: torch.from_numpy(folds.of_recipe.copy())}
-        style_parts = SetKnowledge(self.recipes, self.parts.amounts, self.words).style_parts
-        records = []
         fold_of_train = folds.of_recipe[folds.split.is_in("train")]
         for number, without_fold in enumerate(fitted.folds):
             own_tensors = {
@@ -289,18 +295,7 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
                 **without_fold.tensors(),
             }
             tensors |= {f"fold{number}.{name}": value for name, value in own_tensors.items()}
-            triples = folds.triples([number])
-            trained_on = triples_hash(triples)
-            records.append(
-                Fold(
-                    trained_on=trained_on,
-                    triples=len(triples),
-                    queries=0,
-                    mrr=None,
-                    in_sample_mrr=None,
-                )
-            )
-        record = FoldsRecord(seed=folds.seed, hash=folds.hash, folds=tuple(records))
+        record = FoldsRecord.unranked(folds)
         write_atomically(folder / FOLDS_TENSORS, safetensors.torch.save(copied(tensors)))
         write_atomically(folder / FOLDS_RECORD, dump_json(as_values(record)))
 

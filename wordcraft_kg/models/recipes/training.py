@@ -185,14 +185,9 @@ def _threads(number: int) -> Iterator[None]:
         yield
 
 
-def _kept(folder: Path) -> Checkpoints[FitDone]:
-    """Return the saved fits of a run: all are kept until it ends."""
-    return Checkpoints(folder, _FIT, FitDone, kept=None)
-
-
-def _kept_encoders(folder: Path) -> Checkpoints[FitDone]:
-    """Return the saved pair encoders of a run, which many fits use."""
-    return Checkpoints(folder, _ENCODER, FitDone, kept=None)
+def _saved(folder: Path, name: str) -> Checkpoints[FitDone]:
+    """Return the saved fits, or the pair encoders, of a run: all are kept until it ends."""
+    return Checkpoints(folder, name, FitDone, kept=None)
 
 
 def encoder_of_books(
@@ -251,13 +246,8 @@ def tables_alone(outside: LinkTables, words: Words) -> RecipeKnowledge:
     size = len(words.vectors)
 
     def mean(tables: Sequence[Tensor]) -> Tensor:
-        if not tables:
-            return torch.zeros(size, size)
-        scaled = []
-        for table in tables:
-            values = standardised(table.numpy(), None)
-            scaled.append(torch.from_numpy(values).float())
-        return torch.stack(scaled).mean(0)
+        scaled = [torch.from_numpy(standardised(table.numpy(), None)) for table in tables]
+        return torch.stack(scaled).float().mean(0) if scaled else torch.zeros(size, size)
 
     pairs = mean(outside.pairs)
     parts = mean(outside.parts)
@@ -415,7 +405,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                     )
             run.resume(self.config)
         began = time.perf_counter()
-        fits = _kept(run.path)
+        fits = _saved(run.path, _FIT)
         self._fit_all(run, report, fits)
         with _threads(settings.threads):
             return self._finish(run, fits, time.perf_counter() - began)
@@ -496,7 +486,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             left_outs = encoders_of(self.folds, missing_fits)
             every = encoders_of(self.folds, self._every())
             numbers = {left_out: number for number, left_out in enumerate(every)}
-        checkpoints = _kept_encoders(run.path)
+        checkpoints = _saved(run.path, _ENCODER)
         saved = checkpoints.records()
         encoders = {
             left_out: PairEncoder(**checkpoints.read(numbers[left_out]).tensors)
@@ -584,7 +574,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
 
     def _interrupted(self, run: RunFolder[FitDone], saved: int, number: int) -> KeyboardInterrupt:
         """Return the exception that ends a run: ``saved`` of ``number`` fits are saved."""
-        encoders = len(_kept_encoders(run.path).records())
+        encoders = len(_saved(run.path, _ENCODER).records())
         encoder_words = f", and {encoders} pair encoders" if encoders else ""
         return KeyboardInterrupt(
             f"interrupted; {saved} of {number} fits are saved in '{run.path}'{encoder_words}. "

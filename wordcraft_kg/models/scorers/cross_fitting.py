@@ -79,6 +79,22 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
     hash: Hash
     folds: tuple[Fold, ...]
 
+    @classmethod
+    def unranked(cls, folds: Folds) -> "FoldsRecord":
+        """Return the record of models without each fold whose links nobody has ranked."""
+        triples_of_models = [folds.triples([fold]) for fold in range(folds.count)]
+        records = [
+            Fold(
+                trained_on=triples_hash(triples),
+                triples=len(triples),
+                queries=0,
+                mrr=None,
+                in_sample_mrr=None,
+            )
+            for triples in triples_of_models
+        ]
+        return cls(seed=folds.seed, hash=folds.hash, folds=tuple(records))
+
     @property
     def count(self) -> int:
         """Number of folds."""
@@ -356,22 +372,11 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
         )
     # The same folds as in trainings of link predictors, whose models can then be compared.
     cut = make_folds(split, folds)
-    triples_of_folds = [cut.triples([fold]) for fold in range(folds)]
-    fold_records = [
-        Fold(
-            trained_on=triples_hash(triples),
-            triples=len(triples),
-            queries=0,
-            mrr=None,
-            in_sample_mrr=None,
-        )
-        for triples in triples_of_folds
-    ]
     return CrossFitted(
         make(cut.recipes()),
         [partial(make, cut.recipes([fold])) for fold in range(folds)],
         cut.of_recipe.copy(),
-        FoldsRecord(seed=cut.seed, hash=cut.hash, folds=tuple(fold_records)),
+        FoldsRecord.unranked(cut),
     )
 
 

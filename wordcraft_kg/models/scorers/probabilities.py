@@ -48,7 +48,7 @@ from torch import Tensor, nn
 
 from wordcraft_kg.base.records import Coefficient, Count, Record, Share, Slope
 from wordcraft_kg.graphs import RELATIONS, Folds, Ids, distinct, is_in, recipe_keys
-from wordcraft_kg.models.scorers.neighbours.pair_features import pairs_of
+from wordcraft_kg.models.scorers.neighbours.pair_features import only_pair, pairs_of
 from wordcraft_kg.models.scorers.protocol import RecipeScores, TripleScorer
 from wordcraft_kg.models.scorers.ranking import sampled
 
@@ -487,9 +487,8 @@ def recipe_histogram(scorer: RecipeScores, folds: Folds, fold: int, *, seed: int
         fold_recipes = folds.recipes_of(fold)
         sample = sampled(fold_recipes, MOST_OF_FOLD, seed)
         recipes = torch.from_numpy(sample.copy())
-        # A recipe is a table of two slots, and its only pair that counts is slot 0 with slot 1.
-        only_pair = (torch.tensor([0]), torch.tensor([1]))
-        cells = cells_of(recipes[:, 2], recipes[:, :2], only_pair)
+        # A recipe is a table of two slots.
+        cells = cells_of(recipes[:, 2], recipes[:, :2], only_pair(recipes.device))
         # Unlike `counts[cells] += 1`, `add.at` counts a cell each time it occurs. In a large book,
         # each sampled recipe stands for several.
         np.add.at(counts[:, 1], cells, len(fold_recipes) / max(len(sample), 1))

@@ -9,6 +9,7 @@ from wordcraft_kg.base.settings import cores
 ROWS = 2_048
 """Entities of a block. Sums over blocks are rounded by it, so models depend on it."""
 
+B = TypeVar("B")
 R = TypeVar("R")
 
 
@@ -17,15 +18,18 @@ def blocks_of(size: int) -> list[slice]:
     return [slice(start, min(start + ROWS, size)) for start in range(0, size, ROWS)]
 
 
-def of_blocks(work: Callable[[slice], R], blocks: Sequence[slice]) -> Iterator[R]:
-    """Yield ``work(block)`` for each block, in the order of blocks, computed on all cores.
+def of_blocks(
+    work: Callable[[B], R], blocks: Sequence[B], max_threads: int | None = None
+) -> Iterator[R]:
+    """Yield ``work(block)`` for each block, in the order of blocks, computed by several threads.
 
     Args:
         work: called by several threads at once; its time should go to NumPy or compiled loops,
             which run without Python's lock.
-        blocks: from :func:`blocks_of`.
+        blocks: from :func:`blocks_of`, or others.
+        max_threads: None for as many as there are cores.
     """
-    threads = min(cores(), len(blocks))
+    threads = min(max_threads or cores(), len(blocks))
     if threads <= 1:
         yield from map(work, blocks)
         return

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +11,7 @@ from torch import Tensor
 
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, Ids
+from wordcraft_kg.models.scorers.neighbours.blocks import of_blocks
 from wordcraft_kg.models.scorers.neighbours.links import CELLS, link_features, links_by_key
 from wordcraft_kg.models.scorers.neighbours.lists import Lists
 from wordcraft_kg.models.scorers.neighbours.pair_features import (
@@ -209,36 +209,29 @@ class RecipeKnowledge(StoredKnowledge):
             compute: returns the features of a block of rows, from lists and the block's inputs.
         """
         models = model.cpu().numpy()
-        # Rows of a model lie together in the blocks.
-        order = np.argsort(models, kind="stable")
-        rows = [array[order] for array in inputs]
         max_workers = self.workers or torch.get_num_threads()
         workers = max(min(max_workers, len(models) // _ROWS), 1)
         blocks: list[tuple[int, Ids]] = []
         for number in np.unique(models).tolist():
             # Made by this thread alone, once.
             self.lists(number)
-            (places,) = np.nonzero(models[order] == number)
+            (places,) = np.nonzero(models == number)
             num_blocks = math.ceil(len(places) / _BLOCK) if workers > 1 else 1
             blocks += [(number, block) for block in np.array_split(places, num_blocks)]
 
-        def block_features(number: int, places: Ids) -> NDArray[Any]:
-            part = slice(places[0], places[-1] + 1)
-            return compute(self.lists(number), *(array[part] for array in rows))
+        def block_features(block: tuple[int, Ids]) -> NDArray[Any]:
+            number, places = block
+            return compute(self.lists(number), *(array[places] for array in inputs))
 
         if not blocks:
-            return compute(self.lists(), *rows)
-        if workers == 1:
-            parts = [block_features(*block) for block in blocks]
-        else:
-            # Blocks of all models together: a cross-fitted scorer's batch has few rows for each.
-            with ThreadPoolExecutor(workers) as pool:
-                parts = list(pool.map(block_features, *zip(*blocks, strict=True)))
+            return compute(self.lists(), *inputs)
+        # Blocks of all models together: a cross-fitted scorer's batch has few rows for each.
+        parts = list(of_blocks(block_features, blocks, workers))
         if len(parts) == 1:
             return parts[0]
         together = np.concatenate(parts)
         features = np.empty_like(together)
-        features[order] = together
+        features[np.concatenate([places for _, places in blocks])] = together
         return features
 
     def _link_table(self, relation: int) -> Tensor:

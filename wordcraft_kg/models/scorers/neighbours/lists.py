@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.tensors import torch_threads
-from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.arrays import Ids, different_ingredients
 from wordcraft_kg.models.scorers.kernel import TEXT, completion_parts, profiles
 from wordcraft_kg.models.scorers.neighbours.blocks import blocks_of, write_blocks
 from wordcraft_kg.models.scorers.neighbours.regression import (
@@ -201,9 +201,11 @@ def make_lists(
     from wordcraft_kg.models.scorers.neighbours import hash_loops, list_loops
 
     size = len(vectors)
-    ordered = _ordered(recipes)
+    ordered = ordered_recipes(recipes)
     first, second, result = (np.ascontiguousarray(column, dtype=np.int32) for column in ordered.T)
-    num_uses = _counted(np.concatenate([first, second[first != second]]), size)
+    # A recipe with twice the same ingredient is one link.
+    rows_of_links, ingredients = different_ingredients(ordered, size)
+    num_uses = _counted(ingredients, size)
     num_makers = _counted(result, size)
     rows = profiles(ordered, size).astype(np.float32)
     near_starts, near, near_cosines = _structural_neighbours(rows, min(nearest, max(size, 1)))
@@ -233,20 +235,15 @@ def make_lists(
     )
     pairs = first.astype(np.int64) * size + second
     pair_keys, pair_starts, pair_counts = hash_loops.pair_table(pairs, _table_size(len(pairs)))
-    # A recipe with twice the same ingredient is one link.
-    is_other = first != second
-    first_links = first.astype(np.int64) * size + result
-    second_links = second[is_other].astype(np.int64) * size + result[is_other]
-    links = np.concatenate([first_links, second_links])
-    by_result, part_counts = np.unique(links % size * size + links // size, return_counts=True)
+    links = ordered[rows_of_links, 2] * size + ingredients
+    by_result, part_counts = np.unique(links, return_counts=True)
     results, parts = np.divmod(by_result, size)
     part_starts = np.searchsorted(results, np.arange(size + 1))
     partner_bits = np.zeros((size, _signature_bytes(size)), dtype=np.uint8)
-    hash_loops.signatures(first, second, partner_bits)
-    hash_loops.signatures(second, first, partner_bits)
     result_bits = np.zeros_like(partner_bits)
-    hash_loops.signatures(first, result, result_bits)
-    hash_loops.signatures(second, result, result_bits)
+    for one, other in ((first, second), (second, first)):
+        hash_loops.signatures(one, other, partner_bits)
+        hash_loops.signatures(one, result, result_bits)
     by_kernel, by_words = link_factors(ordered, rows, vectors, rank)
     nodes, node_pairs = completion_parts(ordered, size)
     half_starts, half_nodes, half_values = _sparse_rows((nodes.T @ node_pairs).tocsr())
@@ -414,14 +411,14 @@ def _both_ways(near: Numbers, cosines: Floats) -> tuple[Ids, Numbers, Floats]:
     return starts, ids, symmetric.data
 
 
-def _ordered(recipes: Ids) -> Ids:
-    """Return distinct recipes in ascending order, the smaller ingredient first."""
+def ordered_recipes(recipes: Ids) -> Ids:
+    """Return distinct recipes, shape (n, 3), in ascending order, the smaller ingredient first."""
     rows = recipes.copy()
     rows[:, :2].sort(axis=1)
     return np.unique(rows, axis=0)
 
 
-def _counted(ids: Numbers, size: int) -> Numbers:
+def _counted(ids: Ids | Numbers, size: int) -> Numbers:
     return np.bincount(ids, minlength=size).astype(np.int32)
 
 

@@ -128,6 +128,12 @@ def with_link_scores(
 
 
 @lru_cache
+def only_pair(device: torch.device) -> tuple[Tensor, Tensor]:
+    """Return slot 0 with slot 1, the only pair of a recipe's two slots that counts."""
+    return torch.tensor([0], device=device), torch.tensor([1], device=device)
+
+
+@lru_cache
 def pairs_of(slots: int, device: torch.device) -> tuple[Tensor, Tensor]:
     """Return the first and second slot in each slot pair, shape (P,) each, with first <= second."""
     first_slots, second_slots = torch.triu_indices(slots, slots, device=device)

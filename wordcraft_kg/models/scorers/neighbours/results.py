@@ -17,6 +17,7 @@ from torch import Tensor
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import Lists
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
+from wordcraft_kg.models.scorers.neighbours.pair_features import only_pair
 
 CANDIDATES = 64
 """Results that each side proposes: on a validation part of Infinite Craft, 32, 48 and 64 hold the
@@ -107,7 +108,6 @@ def results_of(
     low = torch.minimum(a, b)
     high = torch.maximum(a, b)
     table = torch.stack([low, high], dim=1)
-    only_pair = (torch.tensor([0], device=a.device), torch.tensor([1], device=a.device))
     width = ids.shape[1]
     scores = torch.zeros(ids.shape, device=a.device)
     for start in range(0, len(a), _PAIRS):
@@ -116,7 +116,7 @@ def results_of(
         goals = ids[block].flatten()
         tables = table[block].repeat_interleave(width, 0)
         models = torch.full_like(goals, model)
-        features = knowledge.features(goals, tables, models, only_pair)
+        features = knowledge.features(goals, tables, models, only_pair(a.device))
         # (pairs · C, 1) to (pairs, C).
         scores[block] = ranker(features).view(-1, width)
     scores = scores.masked_fill(ids == nothing, -torch.inf)

@@ -1,4 +1,4 @@
-"""Worlds that benchmarks cut out of books, wrong recipes, and results of play in many worlds."""
+"""Worlds that benchmarks cut out of books, and intervals over splits."""
 
 import sys
 from importlib import import_module

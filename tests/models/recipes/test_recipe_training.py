@@ -12,7 +12,6 @@ from short_fits import short_fits
 from wordcraft_kg import (
     RecipesConfig,
     RecipeScorerConfig,
-    SplitConfig,
     WordCraftConfig,
     World,
     load_scorer,
@@ -22,7 +21,6 @@ from wordcraft_kg import (
 )
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError
 from wordcraft_kg.graphs.folds import make_folds
-from wordcraft_kg.graphs.splits import make_split
 from wordcraft_kg.models.knowledge.words import Words
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.recipes import training
@@ -41,7 +39,6 @@ from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.features import EntityFeatures
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
-from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
@@ -155,27 +152,6 @@ def test_each_fold_has_the_scorer_of_all_other_train_recipes(recipes_folder, ope
         np.testing.assert_array_equal(
             scorer.trained_on(fold, opened_kitchen.graph), folds.triples([fold])
         )
-
-
-@pytest.mark.slow
-def test_by_goal_known_recipes_are_highest_and_constants_weigh_nothing(kitchen):
-    split = make_split(kitchen, SplitConfig("by-goal"))
-    size = kitchen.num_entities
-    no_words = words_of(np.zeros((size, 0)))
-    ((_, knowledge),) = fit_recipe_scorers(make_folds(split, 3), no_words, [()])
-    is_zero = (knowledge.first[0] == 0).all(1).tolist()
-    constant = {name for name, zero in zip(FEATURES, is_zero, strict=True) if zero}
-    assert {"goal_made", "combines_pair"} <= constant
-    assert "makes" not in constant
-    a, b, goal = torch.from_numpy(split.recipes("train").copy()).T
-    every = torch.arange(size)
-    hits = []
-    for row in range(0, len(a), 7):
-        table = torch.stack([a[row], b[row]]).expand(size, 2)
-        scores = knowledge(every, table, torch.zeros_like(every))[:, 0, 1]
-        assert scores.abs().max() < 100
-        hits.append(int(scores.argmax()) == int(goal[row]))
-    assert np.mean(hits) > 0.9
 
 
 def swap(tensors):

@@ -59,7 +59,7 @@ demo: .venv/package
 FAST := -m "not slow and not browser" --numprocesses auto --dist loadfile --no-loadscope-reorder
 # The core first, in the same session: libraries are imported and models of the tests trained once.
 test: install
-	@echo "6,000 tests: four minutes on two idle cores; the first run compiles byte code and inner loops, too"
+	@echo "5,700 tests: four minutes on two idle cores; the first run compiles byte code and inner loops, too"
 	$(BIN)/python -m pytest $(FAST)
 
 test-core: install

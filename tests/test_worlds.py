@@ -2,15 +2,16 @@
 
 import itertools
 import sys
-from importlib import import_module
-from pathlib import Path
-
 import numpy as np
 import pytest
+from importlib import import_module
+from pathlib import Path
 from helpers import refuses
-
 from wordcraft_kg.base.statistics import student_interval
-from wordcraft_kg.graphs import RecipeGraph, layers, open_book
+from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.graphs import layers
+from wordcraft_kg.graphs import open_book
+from wordcraft_kg.base.errors import ConfigError
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 

@@ -372,37 +372,6 @@ def test_without_shortcuts_only_the_plans_make_the_goal(
     assert any(has_shortcut(*row) for row in drawn_tables(free, 500))
 
 
-@pytest.mark.parametrize("weighting", [pytest.param("use", marks=pytest.mark.slow), "uniform"])
-def test_both_engines_draw_distractors_from_the_same_distribution(opened_kitchen, weighting):
-    """First two distractors drawn, as a set: exact probabilities of drawing without replacement, by
-    a chi-square."""
-    from scipy.stats import chisquare
-
-    settings = {"part": "test", "num_distractors": 2, "distractor_weighting": weighting}
-    env = WordCraftEnv(opened_kitchen, **settings)
-    weights = env.world.distractor_weights.astype(float)
-    start = set(env.tasks.starts[0].tolist()) - {env.world.nothing}
-    weights[[*start, env.tasks.goals[0]]] = 0
-    share = weights / weights.sum()
-    expected = share + sum(share[first] * share / (1 - share[first]) for first in range(len(share)))
-    expected -= share**2 / (1 - share)  # the second is not the first
-    posed = BatchEngine(env.world, 4_000).pose(np.zeros(4_000, dtype=np.int64))
-    batched = np.bincount(posed.table.ravel(), minlength=len(share) + 1)[:-1]
-    single = np.zeros_like(batched)
-    for seed in range(4_000):
-        observation, _ = env.reset(seed=seed, options={"task": 0})
-        single += np.bincount(observation["table"], minlength=len(share) + 1)[:-1]
-    for counts in (batched, single):
-        there = expected > 0
-        there[list(start)] = False
-        counts = counts[there]
-        assert counts.sum() == 8_000
-        frequencies = expected[there] / expected[there].sum() * counts.sum()
-        # Both members of a set are counted, so the statistic is a little too small: the test is on
-        # the safe side.
-        assert chisquare(counts, frequencies).pvalue > 1e-3
-
-
 def test_the_place_on_the_table_says_nothing(opened_kitchen):
     world = World(opened_kitchen, WordCraftConfig(part="all", num_distractors=4))
     goal = int(np.argmax([len(set(row)) == 2 for row in world.tasks.starts.tolist()]))

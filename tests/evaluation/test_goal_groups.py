@@ -18,7 +18,7 @@ from wordcraft_kg import (
     train_recipes,
 )
 from wordcraft_kg.agents.evaluation import play_all
-from wordcraft_kg.agents.players import BEST_PAIR, NEAREST_WORDS, scorer_players
+from wordcraft_kg.agents.players import BEST_PAIR, scorer_players
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.evaluation.agent_metrics import MADE, NOT_MADE
 from wordcraft_kg.graphs.folder import write_graph_folder
@@ -95,19 +95,3 @@ def test_evaluate_agent_shows_both_kinds_of_goals(run, home, model):
     assert after[0].startswith(f"  {MADE} ")
     assert after[1].startswith(f"  {NOT_MADE} ")
     assert f"{MADE}: {made.mean():.0%} of the tasks" in lines
-
-
-def test_the_link_report_shows_both_kinds_of_goals(run, home, model, tmp_path):
-    outcome = run("evaluate-links", home / "model", "--out", tmp_path / "links")
-    assert outcome.code == 0, outcome.err
-    report = json.loads((tmp_path / "links" / "report.json").read_text())
-    rows = {row["slice"]: row for row in report["drill_down"]["other_book"]}
-    assert list(rows) == [f"componentOf, {name}" for name in (MADE, NOT_MADE)]
-    queries = report["metrics"]["componentOf"]["queries"]
-    assert sum(row["queries"] for row in rows.values()) == queries
-    # Words by any vectors, whose name follows in brackets.
-    played = {(row["player"].partition(" (")[0], row["goals"]) for row in report["kg_play"]}
-    assert {(BEST_PAIR, MADE), (BEST_PAIR, NOT_MADE), (NEAREST_WORDS, MADE)} <= played
-    page = (tmp_path / "links" / "index.html").read_text()
-    assert page.count(MADE) >= 2
-    assert f"componentOf, {MADE}" in outcome.out

@@ -202,18 +202,6 @@ def disk_full(monkeypatch, number):
     monkeypatch.setattr(Checkpoints, "save", full)
 
 
-@agent_slow
-def test_a_replaced_run_comes_back_if_the_new_one_leaves_nothing(
-    trainer, tmp_path, whole, monkeypatch
-):
-    trainer.train(tmp_path / "run")
-    disk_full(monkeypatch, 0)
-    with pytest.raises(OSError, match="No space"):
-        trainer.train(tmp_path / "run", seed=1, force=True)
-    assert learned(tmp_path / "run") == whole
-    assert [path.name for path in tmp_path.iterdir()] == ["run"]
-
-
 def test_a_full_disk_loses_nothing_that_was_safe(trainer, tmp_path, whole, monkeypatch):
     last, full = trainer.numbers[2:4]
     with monkeypatch.context() as patch:

@@ -444,23 +444,6 @@ def test_the_report_names_platform_and_versions(pretended):
     assert results.hours == pytest.approx(9 / 3600, abs=1e-4), "runs and a scorer"
 
 
-def test_results_of_fewer_tasks_are_missing_with_a_reason(tmp_path):
-    """Results of fewer tasks in a results folder are missing with a reason."""
-
-    def cut(task, root):
-        outcome = pretend(task, root)
-        if task.address == the_run().address:
-            figures = msgspec.structs.replace(RUN_METRICS, won=ALL_WON[:-1])
-            write_metrics(task.folder(root), figures)
-        return outcome
-
-    run_small(tmp_path, work=cut)
-    results = collect_study(tmp_path, "small")
-    (lost,) = results.missing
-    assert f"'won' has {len(ALL_WON) - 1} tasks; expected {len(ALL_WON)}" in lost.why
-    assert len(results.runs) == 7
-
-
 def test_results_of_a_study_have_the_groups_of_their_tasks(tmp_path):
     text = TEXT.replace("[grid]", 'split = "by-goal"\n[grid]')
     plan = small_plan(text=text)

@@ -94,22 +94,6 @@ def test_text_conversations_are_those_of_players_by_text():
         assert "tools" not in row
 
 
-@pytest.mark.slow
-def test_games_are_kept_by_their_end():
-    plays = kitchen_plays(2, attempts=6)
-    lengths = {}
-    for kept in ("all", "made", "shortest"):
-        rows, counts = rows_of(plays, random_distinct, kept=kept, tables=4, tasks=150)
-        lengths[kept] = Counter(row["attempts"] for row in rows)
-        assert counts.made < counts.played
-        ends = {row["messages"][-2]["content"].splitlines()[-1][:13] for row in rows}
-        assert (ends == {"You made the "}) == (kept != "all")
-    assert {*lengths["shortest"]} == {2}
-    assert lengths["shortest"][2] == lengths["made"][2]
-    assert lengths["made"].total() > lengths["shortest"].total()
-    assert lengths["all"].total() > lengths["made"].total()
-
-
 def test_equal_conversations_are_written_once():
     plays = kitchen_plays(1)
     rows, counts = rows_of([*plays, *plays], tasks=20)

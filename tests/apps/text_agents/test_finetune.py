@@ -151,30 +151,6 @@ def test_conversations_with_recipes_of_a_test_or_left_out_are_not_learned(splits
             assert used <= set(map(tuple, split.recipes("train").tolist()))
 
 
-def test_a_conversation_is_not_learned_if_a_reason_names_a_recipe_of_some_test(
-    splits, written, tmp_path
-):
-    names = splits[0].graph.entities
-    kept, _ = SCRIPT["read_chats"](written, splits, 5)
-    train, test = (splits[i].recipes(part).tolist() for i, part in ((0, "train"), (1, "test")))
-    one, other, goal = next(recipe for recipe in test if recipe in train)
-
-    def with_reason(text):
-        place = SCRIPT["answers_in"](kept[0])[0]
-        messages = [dict(message) for message in kept[0]["messages"]]
-        answer = messages[place]["content"]
-        messages[place]["content"] = f"Similar recipes: {text}. So x may need y.\n{answer}"
-        path = tmp_path / "reasons.jsonl"
-        path.write_text(json.dumps(kept[0] | {"messages": messages}) + "\n")
-        return SCRIPT["read_chats"](path, splits, 5)
-
-    learned = [names[number] for number in SCRIPT["learned"](splits, 5)[0]]
-    assert len(with_reason("{} + {} -> {}".format(*learned))[0]) == 1
-    assert with_reason(f"{names[other]} + {names[one]} -> {names[goal]}") == ([], [])
-    with pytest.raises(ValueError, match="is no recipe of the book"):
-        with_reason("moon + dust -> cheese")
-
-
 def test_each_answer_is_a_branch_behind_the_rules_and_counts_alone(splits, written):
     kept, _ = SCRIPT["read_chats"](written, splits, 5)
     few = [row for row in kept if row["depth"] == 2][:5] + kept[:20]

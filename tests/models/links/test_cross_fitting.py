@@ -16,9 +16,7 @@ from helpers import refuses, resume
 from link_helpers import interrupt_after, rewritten, same_files, train
 
 from wordcraft_kg import (
-    AgentConfig,
     ComplExConfig,
-    ImpalaConfig,
     LinkModelConfig,
     RecipesConfig,
     RecipeScorerConfig,
@@ -26,8 +24,7 @@ from wordcraft_kg import (
     save_scorer,
     train_recipes,
 )
-from wordcraft_kg.agents import training as agents
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError
+from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError, LeakError
 from wordcraft_kg.evaluation.ranked_links import rank_links
 from wordcraft_kg.graphs import (
     OpenedGraph,
@@ -459,24 +456,6 @@ def test_models_and_baselines_share_triples_and_knowledge(with_train_sample, ope
     assert not known.equals(
         rank_triples(FrequencyScorer(graph, opened_kitchen.split.partial), test, graph.triples)
     )
-
-
-def test_an_agent_takes_the_self_edges_of_the_train_sample(
-    with_train_sample, monkeypatch, tmp_path
-):
-    seen = {}
-
-    def stop(*args, observed, **options):
-        seen["observed"] = observed
-        raise ConfigError("enough")
-
-    monkeypatch.setattr(agents, "make_policy", stop)
-    config = AgentConfig(
-        "kitchen", str(with_train_sample), trainer=ImpalaConfig(steps=512, eval_every=0)
-    )
-    with pytest.raises(ConfigError, match="enough"):
-        agents.train_agent(config, tmp_path / "run")
-    np.testing.assert_array_equal(seen["observed"], open_model(with_train_sample).triples)
 
 
 def test_other_link_predictors_learn_from_a_train_sample(opened_kitchen, tmp_path):

@@ -2,8 +2,6 @@
 recipes."""
 
 import json
-import signal
-from dataclasses import replace
 from functools import cache
 
 import gymnasium as gym
@@ -11,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 import torch
-from helpers import refuses, resume
+from helpers import refuses
 
 import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg import (
@@ -20,18 +18,15 @@ from wordcraft_kg import (
     ImpalaConfig,
     LinksConfig,
     PolicyConfig,
-    TaskConfig,
     WordCraftConfig,
     World,
     load_scorer,
     make_sources,
-    open_agent,
     save_scorer,
     train_agent,
     train_links,
 )
-from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer, player_of
-from wordcraft_kg.agents.explanation import explain_episodes
+from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.players import knowledge_player
 from wordcraft_kg.agents.states import states_of
@@ -39,7 +34,7 @@ from wordcraft_kg.base.errors import GraphMismatchError, LeakError
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.wrappers import KGScoreObservation, TaskObservation
 from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_folds, make_split, open_graph
-from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_policy
+from wordcraft_kg.models.policies.folder import load_policy, make_policy
 from wordcraft_kg.models.policies.sources import registry
 from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
@@ -278,45 +273,6 @@ def test_scripted_players_do_not_remember_the_recipes_of_train_tasks(opened, sco
         Evaluator(world)(knowledge_player(sources)).success.mean() for sources in kinds
     )
     assert memory > honest + 0.1
-
-
-@pytest.mark.slow
-def test_a_run_keeps_that_its_scorer_is_cross_fitted(folder, opened, tmp_path, caplog):
-    """A run says that its scorer is cross fitted and comes back the same."""
-    trainer = ImpalaConfig(steps=1_024, batch_size=32, eval_every=0, checkpoint_every=512)
-    config = AgentConfig(
-        "kitchen", str(folder), TaskConfig(distractors=3), PolicyConfig(**SMALL), trainer
-    )
-    done = train_agent(config, tmp_path / "whole").folder
-    assert not caplog.records
-    run = json.loads((done / "run.json").read_text())
-    assert run["cross_fitted"] == FOLDS
-    model = json.loads((folder / "run.json").read_text())["outputs"]
-    assert run["inputs"]["scorer_folds"] == model["folds.safetensors"]
-    assert "cross-fitted in 3 folds" in (done / "README.md").read_text()
-    agent = open_agent(done)
-    assert agent.policy.reads_task
-    found = Evaluator(world_of(opened))(PolicyPlayer(agent.policy)).metrics()
-    assert found == agent.evaluation.success["train"]
-    saved = load_policy(save_policy(tmp_path / "saved", agent.policy))
-    assert Evaluator(world_of(opened))(PolicyPlayer(saved)).metrics() == found
-    player_of(agent.policy, "kg-only")(
-        BatchEngine(world_of(opened), 4).reset(), np.random.default_rng(0)
-    )
-    assert len(explain_episodes(agent.policy, world_of(opened), episodes=2)) == 2
-
-    def press(step, total, figures):
-        if step == 512:
-            signal.raise_signal(signal.SIGINT)
-
-    frequent = replace(config, trainer=replace(trainer, log_every=512))
-    whole = train_agent(frequent, tmp_path / "again").folder
-    interrupted = train_agent(frequent, tmp_path / "resumed", progress=press)
-    assert interrupted.interrupted
-    resumed = resume(interrupted.folder).folder
-    assert (resumed / "policy.safetensors").read_bytes() == (
-        whole / "policy.safetensors"
-    ).read_bytes()
 
 
 @pytest.mark.parametrize("in_sample", [pytest.param(False, marks=pytest.mark.slow), True])

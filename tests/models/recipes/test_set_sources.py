@@ -154,7 +154,7 @@ def kitchen():
     return SetScorer(tensors, graph.entities, graph.hash)
 
 
-@pytest.mark.parametrize("depth", [1, 2, 3])
+@pytest.mark.parametrize("depth", [1, 2, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_planner_that_knows_all_sets_makes_goals_at_any_depth(kitchen, depth):
     settings = WordCraftConfig(part="all", depth=depth, num_distractors=1, num_tasks=12)
     world = World.open("examples/kitchen-sets.csv", settings)

@@ -15,7 +15,7 @@ from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import make_lists, nearest_words
 from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES, OF_ENCODER
 from wordcraft_kg.models.scorers.neighbours.storage import RESULT_RANKER
-from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
+from wordcraft_kg.models.scorers.ranker import Ranker
 
 TINY = EncoderSchedule(used=5, hidden=7, made=4, batch=8, sampled=6, epochs=2)
 SIZE = 11
@@ -164,20 +164,6 @@ def test_knowledge_appends_the_encoders_features(knowledge, encoder, empty):
     torch.testing.assert_close(features[0, 1, len(FEATURES) :], pair)
     # The pair of the slots 0 and 2.
     assert features[0, 2, len(FEATURES) :].any() != empty
-
-
-def test_stacked_models_keep_their_own_encoders(knowledge, recipes, vectors):
-    other = fit_encoder(recipes[::2], vectors.float(), torch.Generator().manual_seed(9), TINY)
-    near = nearest_words(vectors.float().numpy())
-    second = RecipeKnowledge.of_recipes(recipes[::2], vectors.numpy(), near, {}, other)
-    ranker = Ranker(*(getattr(knowledge, name)[0] for name in RANKER))
-    second = second.with_ranker(ranker).with_ranker(ranker, "results_")
-    stack = RecipeKnowledge.stacked([knowledge, second])
-    table = torch.tensor([[0, 3], [0, 3]])
-    goal = torch.tensor([4, 4])
-    features = stack.features(goal, table, torch.tensor([1, 0]))
-    alone = [each.features(goal[:1], table[:1], torch.tensor([0])) for each in (second, knowledge)]
-    torch.testing.assert_close(features, torch.cat(alone))
 
 
 def slow_proposals(lists, encoder, a, b, number):

@@ -26,7 +26,6 @@ from wordcraft_kg.graphs import (
     Recipe,
     RecipeGraph,
     SplitConfig,
-    draw_train_sample,
     make_folds,
     make_split,
     open_book,
@@ -375,16 +374,6 @@ def test_a_link_that_many_recipes_give_names_some_and_counts_the_others():
     reason = LinkEvidence(scorer_of(graph), graph.recipes).reason(water, COMPONENT_OF, ice)
     assert [recipe.ingredients[0] for recipe in reason.learned_from] == ["air", "cold", "snow"]
     assert reason.more == 2
-
-
-def test_recipes_of_a_dose_speak_as_they_were_taught(opened_kitchen):
-    graph = opened_kitchen.graph
-    train_sample = draw_train_sample(opened_kitchen.split, train_fraction=0.5, label_noise=0.5)
-    evidence = LinkEvidence(NeighbourScorer(graph, train_sample.triples), train_sample.recipes)
-    a, _, result = train_sample.among(train_sample.is_wrong)[0].tolist()
-    assert evidence.reason(a, COMPONENT_OF, result).is_in_sample
-    right = graph.recipes[np.flatnonzero(train_sample.is_wrong)[0], 2]
-    assert not evidence.reason(a, COMPONENT_OF, int(right)).is_in_sample
 
 
 def test_without_recipes_nothing_speaks():

@@ -443,15 +443,16 @@ def summarise_curves(
 
     Returns:
         A table with a row per player and number of attempts, in the order of ``curves``: ``mean``
-        over runs, and ``low`` and ``high`` of the 95 % interval (normal approximation; NaN for a
-        single run).
+        over runs, and ``low`` and ``high`` of the 95 % interval (Student's t; NaN for one run).
     """
+    from scipy.special import stdtrit
+
     last = int(curves["attempt"].max())
     attempts = {mark for mark in marks if mark <= last} | {last}
     is_chosen = curves["attempt"].isin(sorted(attempts))
     groups = curves[is_chosen].groupby(["player", "attempt"], sort=False)
-    table = groups.agg(mean=("known", "mean"), error=("known", "sem")).reset_index()
-    margin = 1.96 * table.pop("error")
+    table = groups["known"].agg(mean="mean", error="sem", runs="size").reset_index()
+    margin = stdtrit(table.pop("runs") - 1, 0.975) * table.pop("error")
     table["low"] = table["mean"] - margin
     table["high"] = table["mean"] + margin
     return table

@@ -82,8 +82,9 @@ def played(
         return [play_runs(graph, players, options.attempts, options.runs)]
     fits = []
     for folder in options.scorers:
-        recipes = open_guide(folder, graph).recipes
-        players = make_discoverers([*names, LEARNER], graph, recipes, book)
+        guide = open_guide(folder, graph)
+        guided = (guide.learner(), book, guide.unit_vectors())
+        players = make_discoverers([*names, LEARNER], graph, *guided)
         fits.append(play_runs(graph, players, options.attempts, options.runs))
     return fits
 

@@ -33,7 +33,7 @@ from wordcraft_kg.base.statistics import crossed_difference
 from wordcraft_kg.evaluation.discovery import open_guide
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import RecipeBook
+from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
 
 SETTINGS = "everyday"
 """The book on whose worlds the settings of the players were chosen."""
@@ -82,16 +82,22 @@ def played(
         return [play_runs(graph, players, options.attempts, options.runs)]
     fits = []
     for folder in options.scorers:
-        recipes = open_guide(folder, graph).recipes
-        players = make_discoverers([*names, LEARNER], graph, recipes, book)
+        guide = open_guide(folder, graph)
+        guided = (guide.learner(), book, guide.unit_vectors())
+        players = make_discoverers([*names, LEARNER], graph, *guided)
         fits.append(play_runs(graph, players, options.attempts, options.runs))
     return fits
 
 
+def across(recipe: Recipe) -> tuple[tuple[str, ...], str]:
+    """Return a recipe as books share it: Infinite Craft writes Earth, others earth."""
+    return tuple(sorted(label.casefold() for label in recipe.ingredients)), recipe.result.casefold()
+
+
 def without(book: RecipeBook, source: RecipeBook) -> RecipeGraph:
     """Return a book without the recipes that the worlds' book has, too: the scorer lacks them."""
-    shared = set(source.recipes)
-    recipes = [recipe for recipe in book.recipes if recipe not in shared]
+    shared = set(map(across, source.recipes))
+    recipes = [recipe for recipe in book.recipes if across(recipe) not in shared]
     return RecipeGraph.from_recipes(recipes, book.base)
 
 
@@ -162,14 +168,14 @@ def main() -> None:
     pairs = overlaps(worlds)
     for pair in pairs:
         print("{worlds[0]}, {worlds[1]}: entities {entities}, recipes {recipes}".format(**pair))
-    settings = set(open_book(SETTINGS).recipes)
+    settings = set(map(across, open_book(SETTINGS).recipes))
     results = []
     plays = []
     for world in worlds:
         began = time.process_time()
         graph = RecipeGraph.from_book(world)
         plays.append(played(graph, options, book))
-        seen = len(settings & set(world.recipes)) / len(world.recipes)
+        seen = len(settings & set(map(across, world.recipes))) / len(world.recipes)
         sizes = {"entities": len(world.entities), "recipes": len(world.recipes)}
         about = {"base": world.base, **sizes, f"recipes in {SETTINGS}": round(seen, 3)}
         results.append({"name": world.name, "hash": graph.hash, **about})

@@ -494,7 +494,7 @@ KINDS = {
     "success of one player over recipes": Kind(of_tasks, SINGLE, ONE_PLAYER, TASKS),
     "difference of two players over recipes": Kind(of_players, PAIRS[:3], ONE_PLAYER, TASKS),
     "success of one player over goals": Kind(of_tasks_by_goal, SINGLE, ONE_PLAYER, GOALS),
-    "the same by bootstrap, as evaluate-agents has it": Kind(
+    "the same by bootstrap, as evaluate-agent has it": Kind(
         bootstrap_by_goal, SINGLE, ONE_PLAYER, GOALS
     ),
     "difference of two players over goals": Kind(of_players_by_goal, PAIRS[:3], ONE_PLAYER, GOALS),
@@ -517,7 +517,8 @@ def rows(times: int, only: str) -> Iterator[dict[str, Any]]:
                 shares.append(held / times)
             figures = {"coverage": np.mean(shares), "lowest": min(shares), "highest": max(shares)}
             rounded = {key: round(float(value), 3) for key, value in figures.items()}
-            yield {"kind": name, "splits": splits, "trainings": trainings, **rounded}
+            design = {"kind": name, "splits": splits, "trainings": trainings, "studies": times}
+            yield {**design, **rounded}
 
 
 LINE = (

@@ -30,6 +30,7 @@ from wordcraft_kg.agents.recipe_discovery import (
     RecipeDiscoverer,
 )
 from wordcraft_kg.envs.open_ended import Discovery, OpenEndedEnv
+from wordcraft_kg.evaluation.discovery import open_guide
 from wordcraft_kg.models.recipes.inductive import for_labels
 from wordcraft_kg.models.scorers.features import glove_features
 
@@ -56,12 +57,17 @@ def curves(kitchen):
 @pytest.mark.parametrize("has_scorer", [False, True])
 def test_nearest_words_tries_the_most_similar_untried_pair(kitchen, recipes_folder, has_scorer):
     """By GloVe's vectors, or by those of the scorer beside it."""
-    vectors, recipes = glove_features(kitchen.entities).vectors, None
+    vectors, unit_vectors = glove_features(kitchen.entities).vectors, None
     if has_scorer:
-        recipes = for_labels(recipes_folder, load_scorer(recipes_folder), kitchen.entities)
-        rows = [recipes.scorer.entities.index(label) for label in kitchen.entities]
-        vectors = recipes.scorer.knowledge.vectors[rows].float().numpy()
-    player = make_discoverers(["nearest-words"], kitchen, recipes)["nearest-words"]
+        guide = open_guide(recipes_folder, kitchen)
+        unit_vectors = guide.unit_vectors()
+        scorer = guide.recipes.scorer
+        rows = [scorer.entities.index(label) for label in kitchen.entities]
+        vectors = scorer.knowledge.vectors[rows].float().numpy()
+        assert vectors.shape[1] == 384  # MiniLM's
+    player = make_discoverers(["nearest-words"], kitchen, unit_vectors=unit_vectors)[
+        "nearest-words"
+    ]
     game, tried = Discovery(kitchen), set()
     player.begin(game.base, np.random.default_rng(0))
     for _ in range(ATTEMPTS):
@@ -156,7 +162,7 @@ def test_the_summary_gives_means_and_intervals():
     table = summarise_curves(curves, marks=(1, 50))
     assert table["attempt"].tolist() == [1, 2]
     assert table["mean"].tolist() == [6, 8]
-    half = 1.96 * 2 / math.sqrt(3)  # the standard deviation of 6, 8, 10 is 2
+    half = 4.30265273 * 2 / math.sqrt(3)  # the standard deviation of 6, 8, 10 is 2
     np.testing.assert_allclose(table[["low", "high"]], [[6, 6], [8 - half, 8 + half]])
     single = summarise_curves(curves[curves["run"] == 0])
     assert single["low"].isna().all()

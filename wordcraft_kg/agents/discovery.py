@@ -15,8 +15,6 @@ from wordcraft_kg.graphs import Entity, Ids, RecipeGraph
 if TYPE_CHECKING:
     import pandas as pd
 
-    from wordcraft_kg.models.recipes.inductive import LabelledScorer
-
 Pair = tuple[int, int]
 Floats = NDArray[np.floating]
 
@@ -290,17 +288,18 @@ GUIDED = ("recipe-learner", "book-votes")
 def make_discoverers(
     names: Iterable[str],
     graph: RecipeGraph,
-    recipes: "LabelledScorer | None" = None,
+    learner: Discoverer | None = None,
     book: RecipeGraph | None = None,
+    unit_vectors: Floats | None = None,
 ) -> dict[str, Discoverer]:
     """Make players for open-ended play.
 
     Args:
         names: names in :data:`DISCOVERERS`.
         graph: the graph to explore.
-        recipes: scorer that guides ``recipe-learner``, whose word vectors ``nearest-words`` has,
-            too; None for GloVe vectors, without ``recipe-learner``.
+        learner: the player ``recipe-learner``; None without it.
         book: recipes that guide ``book-votes``; None without this player.
+        unit_vectors: word vectors of ``nearest-words``, shape (E, D); None for GloVe's.
 
     Returns:
         The players by name, in the order of ``names``.
@@ -310,13 +309,13 @@ def make_discoverers(
     """
     makers: dict[str, Callable[[], Discoverer]] = {
         "random-no-repeat": NoRepeatDiscoverer,
-        "nearest-words": lambda: WordsDiscoverer(_unit_vectors(graph, recipes)),
+        "nearest-words": lambda: WordsDiscoverer(
+            _glove(graph) if unit_vectors is None else unit_vectors
+        ),
         "greedy": lambda: GreedyDiscoverer(graph),
     }
-    if recipes is not None:
-        from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
-
-        makers["recipe-learner"] = lambda: RecipeDiscoverer(recipes)
+    if learner is not None:
+        makers["recipe-learner"] = lambda: learner
     if book is not None:
         makers["book-votes"] = lambda: BookDiscoverer(graph, book)
     players = {}
@@ -333,11 +332,8 @@ def make_discoverers(
     return players
 
 
-def _unit_vectors(graph: RecipeGraph, recipes: "LabelledScorer | None") -> Floats:
-    """Return the word vectors of a recipe scorer, or GloVe vectors without one or its words."""
-    if recipes is not None and recipes.scorer.knowledge.vectors.shape[1]:
-        vectors = recipes.scorer.knowledge.vectors[recipes.rows]
-        return vectors.float().cpu().numpy()
+def _glove(graph: RecipeGraph) -> Floats:
+    """Return GloVe vectors of all labels, shape (E, D)."""
     from wordcraft_kg.models.scorers.features import glove_features
 
     return glove_features(graph.entities).unit_vectors
@@ -443,15 +439,16 @@ def summarise_curves(
 
     Returns:
         A table with a row per player and number of attempts, in the order of ``curves``: ``mean``
-        over runs, and ``low`` and ``high`` of the 95 % interval (normal approximation; NaN for a
-        single run).
+        over runs, and ``low`` and ``high`` of the 95 % interval (Student's t; NaN for one run).
     """
+    from scipy.special import stdtrit
+
     last = int(curves["attempt"].max())
     attempts = {mark for mark in marks if mark <= last} | {last}
     is_chosen = curves["attempt"].isin(sorted(attempts))
     groups = curves[is_chosen].groupby(["player", "attempt"], sort=False)
-    table = groups.agg(mean=("known", "mean"), error=("known", "sem")).reset_index()
-    margin = 1.96 * table.pop("error")
+    table = groups["known"].agg(mean="mean", error="sem", runs="size").reset_index()
+    margin = stdtrit(table.pop("runs") - 1, 0.975) * table.pop("error")
     table["low"] = table["mean"] - margin
     table["high"] = table["mean"] + margin
     return table

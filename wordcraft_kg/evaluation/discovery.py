@@ -5,6 +5,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from wordcraft_kg.agents.discovery import (
     HUMAN_CURVE,
     HUMAN_SOURCE,
@@ -19,6 +22,7 @@ from wordcraft_kg.graphs import RecipeGraph, is_in
 if TYPE_CHECKING:
     import pandas as pd
 
+    from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
     from wordcraft_kg.models.recipes.inductive import LabelledScorer
 
 
@@ -37,6 +41,17 @@ class Guide(NamedTuple):
     recipes: "LabelledScorer"
     shared: int = 0
     contradicted: int = 0
+
+    def learner(self) -> "RecipeDiscoverer":
+        """Return the player ``recipe-learner``."""
+        from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
+
+        return RecipeDiscoverer(self.recipes)
+
+    def unit_vectors(self) -> NDArray[np.floating] | None:
+        """Return the scorer's word vectors of all labels, shape (E, D); None without words."""
+        vectors = self.recipes.scorer.knowledge.vectors
+        return vectors[self.recipes.rows].float().cpu().numpy() if vectors.shape[1] else None
 
 
 def open_guide(folder: str | Path, graph: RecipeGraph) -> Guide:
@@ -159,8 +174,9 @@ def view_discovery(
     """
     # Checks the base before any player is prepared.
     start = Discovery(graph, base)
-    recipes = None if scorer is None else scorer.recipes
-    discoverers = make_discoverers(players, graph, recipes, book)
+    learner = None if scorer is None else scorer.learner()
+    vectors = None if scorer is None else scorer.unit_vectors()
+    discoverers = make_discoverers(players, graph, learner, book, vectors)
     plays = play_runs(graph, discoverers, attempts, runs, seed, start.base)
     table = summarise_curves(plays.frame())
     return DiscoveryView(

@@ -5,7 +5,7 @@
 For each task the file has the number of tables, out of five with eight distractors, on which it is
 solved by nearest words, by a learner (an agent without knowledge, after a short training) and by a
 planner (of a recipe scorer, which on train tasks has not seen the task's recipes). FOLDER keeps the
-trained models, so that the command can be repeated; they take about five minutes of one core.
+trained models, so that the command can be repeated; they take about ten minutes of one core.
 """
 
 import gzip
@@ -32,8 +32,8 @@ from wordcraft_kg.apps.text_agents.difficulty import COLUMNS, FILE, TABLES, task
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.models.folder import open_model
 
-WORLDS = (("by-recipe", 1), ("by-goal", 1))
-"""Splits and depths of the benchmark's tracks of one attempt."""
+WORLDS = (("by-recipe", 1), ("by-recipe", 2), ("by-goal", 1))
+"""Splits and depths of the benchmark's tracks."""
 STEPS = 300_000
 """Environment steps of the learner: it is far from remembering all train tasks then."""
 

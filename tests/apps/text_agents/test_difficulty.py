@@ -27,6 +27,8 @@ def everyday(part="train", depth=1, split="by-recipe"):
     [
         ("test", 1),
         pytest.param(("train", 1), marks=pytest.mark.slow),
+        pytest.param(("train", 2), marks=pytest.mark.slow),
+        pytest.param(("test", 2), marks=pytest.mark.slow),
         pytest.param(("train", 1, "by-goal"), marks=pytest.mark.slow),
         pytest.param(("test", 1, "by-goal"), marks=pytest.mark.slow),
     ],
@@ -49,10 +51,10 @@ def test_the_words_of_the_file_are_what_nearest_words_make(settings):
     [
         name if name == "craft-8" else pytest.param(name, marks=pytest.mark.slow)
         for name, track in read_manifest()[0].tracks.items()
-        if track.tasks and track.depth == 1
+        if track.depth == 1
     ],
 )
-def test_each_task_of_the_frozen_tracks_is_measured(track):
+def test_each_task_of_the_frozen_tracks_of_depth_1_is_measured(track):
     success = measured_success(open_track(track).world)
     assert ((success >= 0) & (success <= 1)).all()
 

@@ -1,6 +1,6 @@
 """How difficult the tasks of the built-in book are, as measured by three players.
 
-The file has a line for each task of depth 1 of the benchmark's splits: the number of tables, out of
+The file has a line for each task of the benchmark's splits and depths: the number of tables, out of
 five with eight distractors, on which it was solved by nearest words, by a learner after a short
 training, and by a planner. ``data/make_difficulty.py`` measures and writes it.
 """
@@ -43,8 +43,8 @@ def measured_success(world: World) -> NDArray[np.float64]:
     if None in counts:
         raise ConfigError(
             f"`difficulty`: {counts.count(None):,} of {len(counts):,} tasks of "
-            f"{world.graph.name} were not measured; expected tasks of depth 1 of everyday, by "
-            "recipe or by goal. data/make_difficulty.py measures tasks."
+            f"{world.graph.name} were not measured; expected tasks of depth 1 or 2 of everyday, or "
+            "of depth 1 of its split by-goal. data/make_difficulty.py measures tasks."
         )
     return np.array(counts) / TABLES
 

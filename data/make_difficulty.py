@@ -38,31 +38,42 @@ STEPS = 300_000
 """Environment steps of the learner: it is far from remembering all train tasks then."""
 
 
+def prepare(folder: Path, split: str, depth: int) -> None:
+    """Train the models of a split and a depth that are missing."""
+    opened = open_graph("everyday", SplitConfig(split))
+    model = folder / f"{split}-recipes"
+    if not model.exists():
+        train_recipes(RecipesConfig(opened), model)
+    run = folder / f"{split}-{depth}"
+    if not run.exists():
+        trainer = ImpalaConfig(steps=STEPS, eval_every=0)
+        train_agent(AgentConfig(opened, tasks=TaskConfig(depth=depth), trainer=trainer), run)
+
+
+def lines_of(folder: Path, split: str, depth: int, part: str) -> list[str]:
+    """Play all tasks of a part; return the lines of the file."""
+    world = World(open_graph("everyday", SplitConfig(split)), WordCraftConfig(part, depth))
+    ((_, words),) = words_player(world.graph).items()
+    model = open_model(folder / f"{split}-recipes", world.opened)
+    seen = world.tasks if part == "train" else None
+    _, planner = best_player(model, world.graph, ["planner"], seen)
+    learner = load_policy(folder / f"{split}-{depth}")
+    counts = [
+        evaluate(player, world, distractor_seeds=TABLES).success.sum(1)
+        for player in (words, learner, planner)
+    ]
+    print(split, depth, part, len(world.tasks), *(f"{each.mean() / TABLES:.3f}" for each in counts))
+    rows = zip(task_keys(world), *counts, strict=True)
+    return [",".join(map(str, (*key, *solved))) for key, *solved in rows]
+
+
 def main(folder: Path) -> None:
     """Train what is missing, play all tasks and write the file."""
     lines = [",".join(COLUMNS)]
     for split, depth in WORLDS:
-        opened = open_graph("everyday", SplitConfig(split))
-        model = folder / f"{split}-recipes"
-        if not model.exists():
-            train_recipes(RecipesConfig(opened), model)
-        run = folder / f"{split}-{depth}"
-        if not run.exists():
-            tasks = TaskConfig(depth=depth)
-            trainer = ImpalaConfig(steps=STEPS, eval_every=0)
-            train_agent(AgentConfig(opened, tasks=tasks, trainer=trainer), run)
+        prepare(folder, split, depth)
         for part in ("train", "test"):
-            world = World(opened, WordCraftConfig(part, depth))
-            ((_, words),) = words_player(opened.graph).items()
-            seen = world.tasks if part == "train" else None
-            _, planner = best_player(open_model(model), opened.graph, ["planner"], seen)
-            counts = [
-                evaluate(player, world, distractor_seeds=TABLES).success.sum(1)
-                for player in (words, load_policy(run), planner)
-            ]
-            rows = zip(task_keys(world), *counts, strict=True)
-            lines += [",".join(map(str, (*key, *solved))) for key, *solved in rows]
-            print(split, depth, part, len(world.tasks), [count.mean() / TABLES for count in counts])
+            lines += lines_of(folder, split, depth, part)
     # Without a time, so that equal measurements are equal bytes.
     text = "\n".join(lines) + "\n"
     write_atomically(FILE, gzip.compress(text.encode(), mtime=0))

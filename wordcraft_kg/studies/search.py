@@ -53,9 +53,9 @@ def search(study: Study, score: Callable[[Study], float]) -> Study:
         raise failures[-1]
     best = _with(study, trials.best_params)
     shown = ", ".join(f"{name} {value}" for name, value in trials.best_params.items())
-    failed = f", {len(failures)} failed" if failures else ""
+    losses = f", {len(failures)} failed" if failures else ""
     outcome = (
-        f"best of {study.trials} trials{failed}, validation success {trials.best_value:.3f}: "
+        f"best of {study.trials} trials{losses}, validation success {trials.best_value:.3f}: "
         f"{shown}"
     )
     return msgspec.structs.replace(best, title=f"{study.title} ({outcome})")

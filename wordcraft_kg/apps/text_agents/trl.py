@@ -79,18 +79,18 @@ def begin_row(row: Mapping[str, Any]) -> Conversation:
             f"the row is of another split of '{row['graph']}', in which its task may be a test "
             "task. Make the data set again with crafting_dataset."
         )
-    named = NamedGame(play, row["task"], row["distractor_seed"])
-    talk = named.begin()
+    game = NamedGame(play, row["task"], row["distractor_seed"])
+    talk = game.begin()
     if talk.game.goal != row["goal"]:
         raise ConfigError(
-            f"task {named.task} of the part {row['part']} makes {talk.game.goal!r}, and the row's "
+            f"task {game.task} of the part {row['part']} makes {talk.game.goal!r}, and the row's "
             f"goal is {row['goal']!r}: the row was changed. Make the data set again."
         )
     task_id = row.get("task_id")
-    if task_id is not None and task_id != named.name:
+    if task_id is not None and task_id != game.name:
         raise ConfigError(
             f"the row is named {str(task_id)[:100]!r}, and its columns are of the game "
-            f"'{named.name}': the row was changed. Make the data set again."
+            f"'{game.name}': the row was changed. Make the data set again."
         )
     return talk
 
@@ -253,10 +253,10 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
         task_numbers = chosen_tasks(play.games.world, tasks, difficulty).tolist()
         for task, seed in product(task_numbers, range(tables)):
             # The game is begun for its goal and first message, and begun again from the row.
-            named = NamedGame(play, task, seed)
-            talk = named.begin()
+            game = NamedGame(play, task, seed)
+            talk = game.begin()
             row = {
-                "task_id": named.name,
+                "task_id": game.name,
                 "graph": graph,
                 "split_hash": play.settings.split_hash,
                 "part": part,

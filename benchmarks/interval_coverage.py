@@ -36,7 +36,6 @@ from scipy.special import expit, ndtri
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.base.statistics import (
     bootstrap,
-    correlation,
     crossed_difference,
     interval,
     rate_interval,
@@ -428,19 +427,6 @@ def of_ranks(median: float, _: int, recipes: int) -> Trial:
     )
 
 
-def of_points(kind: str, _: int, points: int) -> Trial:
-    """Pearson's correlation of .8 and Spearman's of the same normal points."""
-    expected = 0.8 if kind == "pearson" else 6 / np.pi * np.arcsin(0.8 / 2)
-
-    def trial(rng: np.random.Generator) -> tuple[tuple[float, float], float]:
-        x, y = rng.multivariate_normal([0, 0], [[1, 0.8], [0.8, 1]], size=points).T
-        found = correlation(x, y, kind)  # type: ignore[arg-type]
-        assert found
-        return found[1:], float(expected)
-
-    return trial
-
-
 STUDIED = [name for name in SUCCESS if not name.startswith(("finished", "failed"))]
 SINGLE = [name for name in STUDIED if not name.startswith("released")]
 SPEEDS = [4.0, 8.0, 16.0, 32.0]
@@ -499,7 +485,6 @@ KINDS = {
     ),
     "difference of two players over goals": Kind(of_players_by_goal, PAIRS[:3], ONE_PLAYER, GOALS),
     "MRR of one scorer over recipes": Kind(of_ranks, [2.0, 20.0], ONE_PLAYER, TASKS),
-    "correlation over scorers": Kind(of_points, ["pearson", "spearman"], ONE_PLAYER, (14,)),
 }
 
 

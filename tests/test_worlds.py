@@ -1,17 +1,21 @@
 """Worlds that benchmarks cut out of books, and results of play in them; people's pairs."""
 
 import itertools
+import json
+import runpy
 import sys
-import numpy as np
-import pytest
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
 from helpers import refuses
+
+from wordcraft_kg import SplitConfig, WordCraftConfig, World, make_split
 from wordcraft_kg.base.statistics import student_interval
-from wordcraft_kg.graphs import RecipeGraph
-from wordcraft_kg.graphs import layers
-from wordcraft_kg.graphs import open_book
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, layers, open_book, open_graph
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 
@@ -24,6 +28,8 @@ cut_world = worlds_of_books.cut_world
 separate_worlds = worlds_of_books.separate_worlds
 
 shared_part = worlds_of_books.shared_part
+
+script = import_module("discovery_worlds")
 
 GOLDEN = ["cd27d5876a66", "d796fe9a5ee4"]
 """Begin of the hashes of the worlds 0 and 7 of ``everyday``."""
@@ -88,3 +94,64 @@ def test_an_area_is_a_mean_of_discoveries_and_worlds_are_the_clusters():
     low, high = student_interval(areas[0])
     assert figures == pytest.approx({"mean": 0.35, "low": low, "high": high})
     assert script.estimate(np.ones((2, 3))) == {"mean": 1, "low": None, "high": None}
+
+
+@pytest.mark.slow
+def test_the_scripts_play_worlds_and_write_figures_and_graph_folders(
+    tmp_path, monkeypatch, capsys, recipes_folder
+):
+    def run(module, *arguments):
+        monkeypatch.setattr(sys, "argv", [module.__name__, *map(str, arguments)])
+        module.main()
+
+    quick = ("--candidates", 3, "--most", 2, "--runs", 1, "--attempts", 60, "--book", "kitchen")
+    guided = ("--scorer", f"{recipes_folder},{recipes_folder}")
+    run(script, "everyday", *quick, *guided, "--json", tmp_path / "figures.json")
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    names = ["random-no-repeat", "nearest-words", "book-votes", "greedy", "recipe-learner"]
+    assert list(figures["players"]) == names
+    assert figures["players"]["greedy"]["area"]["mean"] == 1
+    assert list(figures["recipe-learner minus"]) == names[:3]
+    assert [len(figures[part]) for part in ("worlds", "overlaps")] == [2, 1]
+    assert figures["worlds"][0]["recipes in everyday"] == 1
+    printed = capsys.readouterr().out
+    assert "pairs of worlds share" in printed
+    assert "recipe-learner - book-votes" in printed
+    name = figures["worlds"][0]["name"]
+    run(worlds_of_books, "everyday", name.split("-")[1], tmp_path / "world")
+    assert open_graph(tmp_path / "world").graph.hash == figures["worlds"][0]["hash"]
+    with pytest.raises(SystemExit, match="`seed` -1"):
+        run(worlds_of_books, "everyday", -1, tmp_path / "small")
+    assert not (tmp_path / "small").exists()
+
+
+SCRIPT = Path(__file__).parents[1] / "benchmarks" / "people_pairs.py"
+
+pairs = SimpleNamespace(**runpy.run_path(str(SCRIPT)))
+
+
+class Fixed:
+    """A scorer with given scores by pair and result."""
+
+    def __init__(self, scores, recipes=()):
+        self.values, self.recipes = scores, torch.tensor(recipes, dtype=torch.int32).reshape(-1, 3)
+
+    def score_recipes(self, a, b, results):
+        return torch.tensor([self.values[int(a), int(b)][int(result)] for result in results])
+
+
+ABSENCE_PLAYER_SCRIPT = Path(__file__).parent.parent / "benchmarks" / "absence_player.py"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["by-recipe", "by-goal"])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_held_out_pairs_are_not_told_by_their_absence(kind, seed):
+    """With a guard that kept them off the tables of their goal it made .8 with 8 distractors."""
+    absence_player = runpy.run_path(str(ABSENCE_PLAYER_SCRIPT))["absence_player"]
+    graph = open_graph("everyday").graph
+    opened = OpenedGraph(graph, make_split(graph, SplitConfig(kind, seed=seed)), "everyday")
+    for distractors in (8, 1):
+        train = World(opened, WordCraftConfig(num_distractors=distractors))
+        measured = absence_player(train, train.variant(part="test"), 700_000)
+        assert measured["absence"] < measured["random pair"] + 0.03

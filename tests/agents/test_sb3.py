@@ -10,7 +10,8 @@ import pytest
 import torch
 
 import wordcraft_kg  # noqa: F401 - registers the environments
-from wordcraft_kg import PolicyConfig, open_graph
+from wordcraft_kg import PolicyConfig, WordCraftConfig, World, open_graph
+from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.base.errors import ActionError, ConfigError, MissingExtraError
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.states import States
@@ -227,3 +228,26 @@ def test_without_the_library_the_error_names_the_extra(package, monkeypatch):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(MissingExtraError, match=r"pip install 'sb3-contrib>="):
         importlib.import_module("wordcraft_kg.agents.sb3")
+
+
+@both
+@pytest.mark.slow
+def test_training_lifts_success_far_above_chance(algorithm):
+    settings = {
+        "n_steps": 512,
+        "batch_size": 128,
+        "n_epochs": 8,
+        "learning_rate": 1e-3,
+        "gamma": 0.9,
+    }
+    success = Evaluator(
+        World.open("kitchen", WordCraftConfig(num_distractors=DISTRACTORS)), distractor_seeds=3
+    )
+    for is_guided, steps, before, after in ((False, 8192, 0.15, 0.6), (True, 1024, 0.93, 0.96)):
+        model = make_model(
+            algorithm, make_network(is_guided=is_guided, key_size=64, value_size=64), **settings
+        )
+        player = PolicyPlayer(model.policy.network)
+        assert success(player).success.mean() < before
+        model.learn(steps)
+        assert success(player).success.mean() > after

@@ -11,7 +11,6 @@ from hypothesis import given, strategies as st
 from wordcraft_kg.base import ConfigError, statistics
 from wordcraft_kg.base.statistics import (
     bootstrap,
-    correlation,
     crossed_difference,
     finite,
     holm,
@@ -330,29 +329,6 @@ def test_holm_is_never_stricter_than_bonferroni_and_keeps_the_order(values):
         p <= q <= min(1.0, len(values) * p) + 1e-12 for p, q in zip(values, corrected, strict=True)
     )
     assert [corrected[i] for i in np.argsort(values, kind="stable")] == sorted(corrected)
-
-
-@pytest.mark.parametrize("kind", ["pearson", "spearman"])
-def test_correlation_is_scipys_with_fishers_interval(kind):
-    import scipy.stats
-
-    x, y = [0.1, 0.4, 0.5, 0.9], [2.0, 1.0, 5.0, 5.0]
-    theirs = {"pearson": scipy.stats.pearsonr, "spearman": scipy.stats.spearmanr}[kind]
-    value, low, high = correlation(x, y, kind) or (0, 0, 0)
-    assert value == pytest.approx(theirs(x, y).statistic)
-    half = 1.959964 * (1 if kind == "pearson" else 1 + value**2 / 2) ** 0.5
-    assert (low, high) == pytest.approx(
-        (math.tanh(math.atanh(value) - half), math.tanh(math.atanh(value) + half))
-    )
-
-
-def test_correlation_needs_three_cells_that_vary():
-    assert correlation([1, 2], [1, 2]) is None
-    assert correlation([1, 1, 1], [1, 2, 3]) is None
-    assert correlation([1, 2, 3], [1, 2, 5])[1:] == (-1, 1)
-    assert correlation(range(5), range(5)) == pytest.approx((1, 1, 1))
-    with pytest.raises(ConfigError, match="one number for each cell"):
-        correlation([1, 2, 3], [1, 2])
 
 
 def test_a_number_too_large_for_a_float_is_refused():

@@ -24,9 +24,16 @@ from wordcraft_kg import (
     train_agent,
     train_links,
 )
-from wordcraft_kg.base import ArtefactError, ConfigError, FeatureSpec, read_large_file, sha256_of
+from wordcraft_kg.base import (
+    ArtefactError,
+    ConfigError,
+    FeatureSpec,
+    MissingExtraError,
+    TrainingError,
+    read_large_file,
+    sha256_of,
+)
 from wordcraft_kg.base.artefacts import locked
-from wordcraft_kg.base.errors import MissingExtraError, TrainingError
 from wordcraft_kg.runs.checkpoints import Checkpoints, train_in_processes
 from wordcraft_kg.runs.config_file import read_config, write_config
 from wordcraft_kg.runs.record import (

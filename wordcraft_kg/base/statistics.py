@@ -11,14 +11,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.progress import steps
-from wordcraft_kg.base.settings import one_of
 
 Interval = tuple[float, float, float]
 """An estimate and its interval: value, lower bound, upper bound."""
@@ -618,13 +616,7 @@ def student_interval(
     return max(mean - half, lowest), min(mean + half, highest)
 
 
-# --- comparisons and correlations -----------------------------------------------------------------
-
-
-_FEWEST = 3
-"""Fewest points for a correlation: any two lie on a line."""
-_CERTAIN = 1 - 1e-12
-"""Largest correlation for an interval: artanh of 1 is infinite."""
+# --- several comparisons --------------------------------------------------------------------------
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -659,59 +651,3 @@ def holm(p_values: Sequence[float]) -> list[float]:
         highest = max(highest, multiplied)
         corrected[place] = highest
     return corrected
-
-
-def correlation(
-    x: ArrayLike, y: ArrayLike, kind: Literal["pearson", "spearman"] = "pearson"
-) -> Interval | None:
-    """Return the correlation of paired values x and y, and its interval.
-
-    Pearson's correlation measures how near the points (x_i, y_i) are to a line. Spearman's is
-    Pearson's correlation of the ranks (ties share their mean rank). The interval is
-    ``tanh(artanh r ± z sqrt(c / (N - 3)))``, with c = 1 for Pearson's and ``1 + r²/2`` for
-    Spearman's correlation; of 3 points it is -1 to 1.
-
-    Args:
-        x: shape (N,).
-        y: shape (N,).
-        kind: pearson or spearman.
-
-    Returns:
-        the correlation with its lower and upper bound; None for fewer than 3 points, or if all x or
-        all y are equal.
-
-    Raises:
-        ConfigError: if the values are empty, not finite or of different shapes, or ``kind`` is
-            unknown.
-
-    Source: Fisher 1921; Bonett and Wright 2000, "Sample size requirements for estimating Pearson,
-    Kendall and Spearman correlations".
-    """
-    one_of("kind", kind, ("pearson", "spearman"))
-    a = finite("x", x)
-    b = finite("y", y)
-    if a.ndim != 1 or a.shape != b.shape:
-        raise ConfigError(
-            f"x of shape {a.shape} and y of shape {b.shape}: expected one number for each cell."
-        )
-    is_constant = np.ptp(a) == 0 or np.ptp(b) == 0
-    if len(a) < _FEWEST or is_constant:
-        return None
-    from scipy.stats import pearsonr, spearmanr
-
-    correlated = spearmanr(a, b) if kind == "spearman" else pearsonr(a, b)
-    value = float(correlated.statistic)
-    degrees = len(a) - 3
-    if len(a) == _FEWEST:  # no degree of freedom is left for the variance
-        variance = math.inf
-    elif kind == "spearman":
-        variance = (1 + value**2 / 2) / degrees
-    else:
-        variance = 1 / degrees
-    # On the scale of artanh, the estimate is about normal, with a variance that N alone decides.
-    inner = min(max(value, -_CERTAIN), _CERTAIN)
-    middle = math.atanh(inner)
-    half = _Z * math.sqrt(variance)
-    low = math.tanh(middle - half)
-    high = math.tanh(middle + half)
-    return value, low, high

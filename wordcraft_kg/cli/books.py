@@ -5,8 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wordcraft_kg.base import as_values, check_output_file, whole
-from wordcraft_kg.base.wording import counted, quoted
+from wordcraft_kg.base import as_values, check_output_file, counted, quoted, whole
 from wordcraft_kg.cli.console import Output, aligned, lines_of, split_labels
 from wordcraft_kg.cli.failures import with_options
 from wordcraft_kg.cli.options import Base, Book, FetchableBook, FileOptions, Force

@@ -39,8 +39,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.evaluation.links import LinkView
     from wordcraft_kg.evaluation.scores import ScoredAnswer
     from wordcraft_kg.evaluation.suggestions import SetSupport, Suggestion, Suggestions, Wish
-    from wordcraft_kg.graphs import RecipeGraph
-    from wordcraft_kg.graphs.folder import TrainedOn
+    from wordcraft_kg.graphs import RecipeGraph, TrainedOn
     from wordcraft_kg.models.model import Model
     from wordcraft_kg.models.scorers.ranking import RankingMetrics
 

@@ -19,9 +19,7 @@ from wordcraft_kg.base import (
     write_atomically,
 )
 from wordcraft_kg.base.registry import Registry
-from wordcraft_kg.graphs import Folds, OpenedGraph, TrainedOn
-from wordcraft_kg.graphs.folder import GraphLike
-from wordcraft_kg.graphs.train_samples import TrainSample, is_subsample
+from wordcraft_kg.graphs import Folds, GraphLike, OpenedGraph, TrainedOn, TrainSample, is_subsample
 from wordcraft_kg.models.links.config import LinksConfig
 from wordcraft_kg.models.links.records import links_history
 from wordcraft_kg.models.model import History, Model

@@ -1,35 +1,19 @@
 """The pages of links, pairs, ranks and two models: scores, in-sample marks, evidence, and texts."""
 
-import pytest
-import numpy as np
 from itertools import product
-from tests.apps.explorer.shown import explored_by
-from tests.apps.explorer.shown import explored_graph
-from tests.apps.explorer.shown import look
-from tests.apps.explorer.shown import page_of
-from tests.apps.explorer.shown import view_by
-from tests.apps.explorer.shown import view_of
+
+import pytest
+
+from tests.apps.explorer.shown import explored_by, explored_graph, look, page_of, view_by, view_of
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.apps.explorer.pages.entities import EntityState
-from wordcraft_kg.apps.explorer.pages.entities import RecipesState
-from wordcraft_kg.apps.explorer.pages.link import LinkState
-from wordcraft_kg.apps.explorer.pages.link import PairState
+from wordcraft_kg.apps.explorer.pages.entities import EntityState, RecipesState
+from wordcraft_kg.apps.explorer.pages.link import LinkState, PairState
 from wordcraft_kg.apps.explorer.pages.path import PathState as Goal
-from wordcraft_kg.apps.explorer.predictor import NEW
-from wordcraft_kg.apps.explorer.predictor import recipes_giving
+from wordcraft_kg.apps.explorer.predictor import NEW, recipes_giving
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs.triples import COMBINES_WITH
-from wordcraft_kg.graphs.triples import COMPONENT_OF
-from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.ranking import rank_triples
-from wordcraft_kg import ComplExConfig
-from wordcraft_kg import LinksConfig
-from wordcraft_kg import RecipeGraph
-from wordcraft_kg import open_model
-from wordcraft_kg import train_links
-from wordcraft_kg.apps.explorer.predictor import LinkPredictor
-from wordcraft_kg.graphs.triples import is_in
 
 
 def held_out(predictor):

@@ -2,24 +2,17 @@
 person."""
 
 import re
-import pytest
-import asyncio
-import time
 from contextlib import contextmanager
 from html import unescape
+
+import pytest
 from starlette.testclient import TestClient
+
 from tests.apps.people.stored import lines_of
 from wordcraft_kg.apps.people.config import StudyConfig
-from wordcraft_kg.apps.people.study import HumanStudy
-from wordcraft_kg.apps.people.study import kept_answers
-from wordcraft_kg.apps.people.web_app import code_hash
-from wordcraft_kg.apps.people.web_app import make_study_app
-from wordcraft_kg.apps.web.guard import HEADERS
-from wordcraft_kg.apps.web.guard import LONGEST_BODY
-from tests.apps.explorer.shown import HOSTILE
-from wordcraft_kg.apps.people.study import read_study
-from wordcraft_kg.apps.people.web_app import steady_clock
-from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.apps.people.study import HumanStudy, kept_answers, read_study
+from wordcraft_kg.apps.people.web_app import code_hash, make_study_app
+from wordcraft_kg.apps.web.guard import HEADERS, LONGEST_BODY
 
 CODE = "k7qm-2xwd-9hrt"
 CONSENT = "Do you <b>agree</b>?\n\nSecond & last\nline."

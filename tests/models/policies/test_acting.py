@@ -1,31 +1,29 @@
 """Asking a policy what to pick, by labels, and saving it from a program."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
+
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from concurrent.futures import ThreadPoolExecutor
 from helpers import refuses
-from link_helpers import flip_bit
-from link_helpers import random_graph
+from link_helpers import flip_bit, random_graph
 from small_scorers import states as states_of
-from wordcraft_kg import PolicyConfig
-from wordcraft_kg import make_sources
-from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.errors import OutputExistsError
-from wordcraft_kg.base.errors import UnknownEntityError
+
+from wordcraft_kg import PolicyConfig, make_sources
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    ConfigError,
+    OutputExistsError,
+    UnknownEntityError,
+)
 from wordcraft_kg.models.policies.attention import AttentionPolicy
-from wordcraft_kg.models.policies.folder import load_policy
-from wordcraft_kg.models.policies.folder import make_policy
-from wordcraft_kg.models.policies.folder import save_policy
+from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_policy
 from wordcraft_kg.models.policies.policy import EntityVectors
 from wordcraft_kg.models.policies.sources import source as room
-from wordcraft_kg.models.policies.sources.source import KeptScores
-from wordcraft_kg.models.policies.sources.source import ScoreView
-from wordcraft_kg.models.policies.states import Attempts
-from wordcraft_kg.models.policies.states import States
+from wordcraft_kg.models.policies.sources.source import KeptScores, ScoreView
+from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 GRAPH = random_graph(num_entities=8, num_recipes=20)

@@ -1,50 +1,44 @@
 """Fitting recipe scorers: the same bytes again, nothing of a fold left out, and what a spoilt folder says."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
-from dataclasses import replace
-from helpers import recorded
-from helpers import resume
-from link_helpers import contents
-from link_helpers import interrupt_after
-from link_helpers import random_graph
-from link_helpers import rewritten
-from link_helpers import same_files
+from helpers import recorded, resume
+from link_helpers import contents, interrupt_after, random_graph, rewritten, same_files
 from short_fits import short_fits
-from wordcraft_kg import RecipesConfig
-from wordcraft_kg import RecipeScorerConfig
-from wordcraft_kg import SplitConfig
-from wordcraft_kg import WordCraftConfig
-from wordcraft_kg import World
-from wordcraft_kg import load_scorer
-from wordcraft_kg import make_sources
-from wordcraft_kg import open_graph
-from wordcraft_kg import train_recipes
-from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.errors import LeakError
-from wordcraft_kg.graphs.splits import make_split
-from wordcraft_kg.graphs.train_samples import make_folds
+
+from wordcraft_kg import (
+    RecipesConfig,
+    RecipeScorerConfig,
+    WordCraftConfig,
+    World,
+    load_scorer,
+    make_sources,
+    open_graph,
+    train_recipes,
+)
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError
+from wordcraft_kg.graphs import make_folds
 from wordcraft_kg.models.knowledge.words import Words
-from wordcraft_kg.models.policies.states import Attempts
-from wordcraft_kg.models.policies.states import States
+from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.recipes import training
-from wordcraft_kg.models.recipes.committee import TABLES
-from wordcraft_kg.models.recipes.committee import Examples
-from wordcraft_kg.models.recipes.committee import _Batch
-from wordcraft_kg.models.recipes.committee import _moments
-from wordcraft_kg.models.recipes.committee import _Network
-from wordcraft_kg.models.recipes.committee import _set_gradients
-from wordcraft_kg.models.recipes.committee import fit_committee
+from wordcraft_kg.models.recipes.committee import (
+    TABLES,
+    Examples,
+    _Batch,
+    _moments,
+    _Network,
+    _set_gradients,
+    fit_committee,
+)
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorers
-from wordcraft_kg.models.scorers import config
-from wordcraft_kg.models.scorers import config as limits
+from wordcraft_kg.models.scorers import config, config as limits
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.features import EntityFeatures
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
-from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 

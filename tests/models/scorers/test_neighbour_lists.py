@@ -4,39 +4,29 @@ import importlib.util
 import logging
 import math
 import sys
+from itertools import product
+
 import numba
 import numpy as np
 import pytest
 import torch
-from itertools import product
-from kernel_oracles import explicit_ridge
-from kernel_oracles import link_tables
+from kernel_oracles import explicit_ridge, link_tables
 from link_helpers import random_graph
+
 from wordcraft_kg.base.settings import CORES_VARIABLE
-from wordcraft_kg.graphs.triples import COMBINES_WITH
-from wordcraft_kg.graphs.triples import COMPONENT_OF
-from wordcraft_kg.graphs.triples import recipe_triples
-from wordcraft_kg.models.scorers.kernel import TEXT
-from wordcraft_kg.models.scorers.kernel import completion
-from wordcraft_kg.models.scorers.kernel import profiles
-from wordcraft_kg.models.scorers.neighbours import blocks
-from wordcraft_kg.models.scorers.neighbours import compiled as compiling
-from wordcraft_kg.models.scorers.neighbours import lists as lists_module
-from wordcraft_kg.models.scorers.neighbours.feature_loops import FLOOR as LEAST_EVIDENCE
-from wordcraft_kg.models.scorers.neighbours.feature_loops import LEAST
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, recipe_triples
+from wordcraft_kg.models.scorers.kernel import TEXT, completion, profiles
+from wordcraft_kg.models.scorers.neighbours import (
+    blocks,
+    compiled as compiling,
+    lists as lists_module,
+)
+from wordcraft_kg.models.scorers.neighbours.feature_loops import FLOOR as LEAST_EVIDENCE, LEAST
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
-from wordcraft_kg.models.scorers.neighbours.links import OF_COMBINES
-from wordcraft_kg.models.scorers.neighbours.links import link_features
-from wordcraft_kg.models.scorers.neighbours.links import links_by_key
-from wordcraft_kg.models.scorers.neighbours.lists import SIGNATURE
-from wordcraft_kg.models.scorers.neighbours.lists import make_lists
-from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
-from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
-from wordcraft_kg.models.scorers.neighbours.pair_features import pair_features
-from wordcraft_kg.models.scorers.ranker import RANKER
-from wordcraft_kg.models.scorers.ranker import Ranker
-from concurrent.futures import ThreadPoolExecutor
-from wordcraft_kg.base.tensors import torch_threads
+from wordcraft_kg.models.scorers.neighbours.links import OF_COMBINES, link_features, links_by_key
+from wordcraft_kg.models.scorers.neighbours.lists import SIGNATURE, make_lists, nearest_words
+from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES, pair_features
+from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 
 SIZE = 12
 

@@ -11,8 +11,7 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
 from wordcraft_kg.envs.words import results_of, table_labels
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import GraphLike
-from wordcraft_kg.graphs.recipes import Recipe
+from wordcraft_kg.graphs import GraphLike, Recipe
 
 HUMAN_PARTS = ("train", "test")
 """Parts in order. The solution follows each train task, but no test task."""

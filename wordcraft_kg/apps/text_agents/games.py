@@ -11,8 +11,7 @@ from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import PROMPTS, combined, numbered, prompt_text, results_of
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import Entity, RecipeGraph, TaskSet
-from wordcraft_kg.graphs.folder import GraphLike
+from wordcraft_kg.graphs import Entity, GraphLike, RecipeGraph, TaskSet
 
 Picks = tuple[str, ...]
 """Labels of the combined entities: two, or a set where recipes have other sizes."""

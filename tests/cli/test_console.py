@@ -761,7 +761,7 @@ def test_a_training_bar_has_room_and_its_figures_are_whole(
         (["describe", "kitchen", "--tasks", "--depth", "2"], ["finding tasks"]),
         (
             ["discover", "kitchen", "--runs", "2", "--attempts", "5"],
-            ["playing random: 1 of 2", "playing greedy"],
+            ["playing random-no-repeat: 1 of 2", "playing greedy"],
         ),
         pytest.param(
             ["evaluate-agent", "kitchen"],

@@ -45,7 +45,7 @@ EXAMPLES = {
         "wordcraft-kg explain runs/deep --task 12",
     ),
     "discover": (
-        "wordcraft-kg discover everyday --players random,greedy --runs 20",
+        "wordcraft-kg discover everyday --players random-no-repeat,greedy --runs 20",
         "wordcraft-kg discover everyday --scorer models/everyday-recipes",
         "wordcraft-kg discover little-alchemy-2 --scorer models/everyday-recipes --attempts 500 "
         "--runs 20",

@@ -76,7 +76,18 @@ class Discoverer(ABC):
         return int(best[self.rng.integers(len(best))])
 
 
-class NoRepeatDiscoverer(Discoverer):
+class RandomDiscoverer(Discoverer):
+    """A player that samples both entities uniformly; a pair may repeat.
+
+    The chance of the frozen benchmark's open-ended tracks.
+    """
+
+    def choose(self) -> Pair:  # noqa: D102
+        first, second = self.rng.integers(len(self.known), size=2).tolist()
+        return self.known[first], self.known[second]
+
+
+class NoRepeatDiscoverer(RandomDiscoverer):
     """A player that samples uniformly among untried pairs."""
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
@@ -86,8 +97,7 @@ class NoRepeatDiscoverer(Discoverer):
     def choose(self) -> Pair:  # noqa: D102
         # Terminates: after all known pairs, everything reachable is known and the run is over.
         while True:
-            first, second = self.rng.integers(len(self.known), size=2).tolist()
-            pair = (self.known[first], self.known[second])
+            pair = super().choose()
             if (min(pair), max(pair)) not in self._tried:
                 return pair
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from wordcraft_kg.agents.discovery import Discoverer, make_discoverers
+from wordcraft_kg.agents.discovery import Discoverer, RandomDiscoverer, make_discoverers
 from wordcraft_kg.apps.text_agents.benchmark import Track, open_track, read_manifest
 from wordcraft_kg.apps.text_agents.chat_server import KEY, ChatServer
 from wordcraft_kg.apps.text_agents.games import Picks
@@ -65,7 +65,7 @@ _TRAINED_ON = {
     "full": "all recipes of this book, including the test tasks",
 }
 _SCRIPTED = {
-    "random": ("random", "random-no-repeat"),
+    "random": ("random", "random"),
     "nearest-words": ("nearest words (glove)", "nearest-words"),
     "votes": ("partial KG, votes", ""),
     "graph": ("partial KG, u+v", ""),
@@ -218,7 +218,9 @@ def _scripted(kind: str) -> Callable[[Track, str, RunSettings], Entrant]:
     def enter(track: Track, argument: str, settings: RunSettings) -> Entrant:
         name, in_world = _SCRIPTED[kind]
         if track.is_open_ended and in_world:
-            (player,) = make_discoverers([in_world], track.opened.graph).values()
+            player: Discoverer = RandomDiscoverer()
+            if kind != "random":
+                (player,) = make_discoverers([in_world], track.opened.graph).values()
             return Entrant(name, discoveries(track, player), _KNOWS[kind], _OWN_LICENCE)
         name, chooser = named_player(kind, track.opened, track.world.tasks)
         return Entrant(name, decisions(track, chooser), _KNOWS[kind], _OWN_LICENCE)

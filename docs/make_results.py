@@ -13,7 +13,8 @@ tables docs/make_evidence.py renders:
 | ``claims`` | claims at each point by book: verdict, difference and its interval |
 
 The page ``results`` has the claims of the paper and of this project with their numbers of verdicts,
-and the trainings of each study. P-values are corrected over all claims of all studies (Holm 1979).
+and the trainings of each study. P-values are corrected over the claims of more and of less of all
+studies (Holm 1979).
 """
 
 import argparse
@@ -24,7 +25,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple, get_args
 
-from make_evidence import TABLES, Cell, as_csv, read_cells
+from make_evidence import MARK, TABLES, Cell, as_csv, read_cells
 from msgspec import structs
 
 from wordcraft_kg.base.artefacts import staged_file, write_atomically
@@ -170,7 +171,9 @@ def success_cells(study: Checked) -> Iterator[Cell]:
         for entry in point.variants:
             low, high = entry.interval
             row = NAMES.get(entry.variant, entry.variant)
-            yield cell(study.name, table, row, column, f"{entry.mean:.3f}", low, high)
+            # One split does not show how splits differ.
+            mark = MARK if len(entry.seeds) == 1 else ""
+            yield cell(study.name, table, row, column, f"{entry.mean:.3f}{mark}", low, high)
 
 
 def claim_cells(study: Checked, by_chance: set[int]) -> Iterator[Cell]:

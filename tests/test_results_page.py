@@ -71,6 +71,15 @@ def test_a_study_gives_tables_of_success_claims_verdicts_and_trainings(script, m
     assert cells["results", "trainings", trainings, "steps"] == "2,000"
 
 
+def test_an_interval_over_the_tasks_of_a_single_split_has_a_mark(script, monkeypatch):
+    row = "knowledge", "success, 8 distractors", "none", "`everyday`"
+    results = results_of(FAR)
+    first = tuple(run for run in results.runs if run.seed == 0)
+    single = msgspec.structs.replace(results, runs=first)
+    assert cells_of(script, monkeypatch, single)[row].endswith("]†")
+    assert cells_of(script, monkeypatch, results)[row].endswith("]")
+
+
 def test_the_place_of_a_claim_of_this_project_is_what_follows_its_name(script, monkeypatch):
     results = results_of(FAR)
     claim = msgspec.structs.replace(CLAIM, source="this project; the paper compares them")

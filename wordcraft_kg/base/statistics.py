@@ -416,10 +416,10 @@ def crossed_difference(
     part of the seeds; one group of several tasks says nothing of other groups.
 
     Of M splits, the interval is for the mean over trainings on random splits of the same book: the
-    value is the mean of the splits' means, and ``h = max(t_(M-1) s / sqrt(M), t_(H-1) sqrt(v_groups)
-    / 2)`` with their sample deviation s, which holds the variation of trainings and of tasks as
-    well. Few means may be alike by chance; so h is at least half of what the tasks alone would
-    give.
+    value is the mean of the splits' means, and ``h = max(t_(M-1) s / sqrt(M), t_(H-1)
+    sqrt(v_groups) / 2)`` with their sample deviation s, which holds the variation of trainings and
+    of tasks as well. Few means may be alike by chance; so h is at least half of what the tasks
+    alone would give.
     ``benchmarks/interval_coverage.py`` simulates the coverage.
 
     Args:

@@ -27,7 +27,7 @@ help:
 	@echo "make browser  the tests of pages in Chromium"
 	@echo "make lint     ruff, mypy, directions of imports, generated pages"
 	@echo "make docs     write docs/terms.md from the glossary, tables and figures of docs/evidence from their data"
-	@echo "make results  train the next missing runs of all studies into results/ for MINUTES=30; of some with STUDY='splits'"
+	@echo "make results  train the next missing runs of all studies into results/ for MINUTES=30; of one with STUDY=parts"
 	@echo "make notebooks  run the notebooks of docs/notebooks and store their outputs; of some with NOTEBOOKS='graphs agents'"
 	@echo "make site     the guides, notebooks, Python reference and the demo in the explorer as a website, in site/"
 	@echo "make check-site  every page of the website in Chromium: widths, colours, links, requests, sizes"

@@ -182,7 +182,7 @@ def steps_of_each(speed: float, seeds: int, _: int) -> Trial:
 
     def reached(number: int, rng: np.random.Generator) -> list[float]:
         pairs = zip(runs(curves(number, rng, speed)), runs(curves(number, rng, 4.0)), strict=True)
-        return [claims._figures("steps", run, other)[0] for run, other in pairs]
+        return [claims._metric("steps", run, other) for run, other in pairs]
 
     expected = float(np.mean(reached(20_000, np.random.default_rng(1))))
     return lambda rng: (student_interval(reached(seeds, rng)) or (0, 1), expected)

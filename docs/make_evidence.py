@@ -157,7 +157,7 @@ def finding() -> Iterator[str]:
     yield (
         "**What each part adds.** Goals made on Little Alchemy 2, with 8 *distractors* (further "
         "items; intervals: [one attempt](docs/evidence/parts.md), "
-        "[two, with 4](docs/evidence/planning.md)):"
+        "[two, with 4](docs/evidence/planning.md); scorers of before this version):"
     )
     yield ""
     yield from parts_in_short()

@@ -2,9 +2,10 @@
 
     python docs/make_results.py [--check | --take FOLDER]
 
-The archive holds figures and hashes, and nothing of a book. With --take, a built-in study of a
-results folder takes the place of its file in the archive if no training is missing. Each study has
-a page of evidence, whose tables docs/make_evidence.py renders:
+The archive holds figures and hashes, and nothing of a book. With --take, a study of a results
+folder takes the place of its file in the archive if no training is missing and its settings are
+those of the built-in study, with any number of seeds. Each study has a page of evidence, whose
+tables docs/make_evidence.py renders:
 
 | table of a study's page | rows and columns |
 |---|---|
@@ -12,7 +13,8 @@ a page of evidence, whose tables docs/make_evidence.py renders:
 | ``claims`` | claims at each point by book: verdict, difference and its interval |
 
 The page ``results`` has the claims of the paper and of this project with their numbers of verdicts,
-and the trainings of each study. P-values are corrected over all claims of all studies (Holm 1979).
+and the trainings of each study. P-values are corrected over the claims of more and of less of all
+studies (Holm 1979).
 """
 
 import argparse
@@ -23,14 +25,15 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple, get_args
 
-from make_evidence import TABLES, Cell, as_csv, read_cells
+from make_evidence import MARK, TABLES, Cell, as_csv, read_cells
+from msgspec import structs
 
 from wordcraft_kg.base.artefacts import staged_file, write_atomically
 from wordcraft_kg.base.records import parse_record
 from wordcraft_kg.base.statistics import holm
 from wordcraft_kg.studies.claims import ClaimVerdict, Measured, Verdict, view_claims
 from wordcraft_kg.studies.results import StudyResults, collect_study, results_text, studies_of
-from wordcraft_kg.studies.study import Values, read_study
+from wordcraft_kg.studies.study import Values, adapted, read_study
 from wordcraft_kg.studies.view import StudyView, title_of, view_study
 
 ARCHIVE = Path(__file__).parent / "results.zip"
@@ -102,13 +105,30 @@ def take(folder: Path, target: Path) -> None:
     texts = {results.name: results_text(results) for results in read_archive(target)}
     for name in studies_of(folder):
         results = collect_study(folder, name)
-        if not results.missing and name.startswith(ORDER):
+        if results.missing:
+            sys.stderr.write(f"{name}: not taken, {len(results.missing)} trainings are missing\n")
+        elif not is_built_in(results):
+            sys.stderr.write(f"{name}: not taken, its settings are no built-in study's\n")
+        else:
             texts[name] = results_text(results)
     with staged_file(target, force=True) as staged, zipfile.ZipFile(staged, "w") as archive:
         for name, text in sorted(texts.items()):
             # The same date for all, so that equal results are equal bytes.
             member = zipfile.ZipInfo(f"{name}.json", date_time=(2026, 11, 29, 0, 0, 0))
             archive.writestr(member, text, zipfile.ZIP_DEFLATED, 9)
+
+
+def is_built_in(results: StudyResults) -> bool:
+    """Return whether a study is a built-in one on its book, perhaps with another number of seeds."""
+    book = str(results.study.settings.get("book"))
+    name = results.name.removesuffix(f"-{book}")
+    if name not in ORDER or book not in BOOKS:
+        return False
+    declared = adapted(read_study(name), book=book, seeds=results.study.seeds)
+    # Claims and words may change after the trainings.
+    words = ("title", "about", "source", "claims", "drawing", "reference")
+    later = {field: getattr(declared, field) for field in words}
+    return structs.replace(results.study, **later) == declared
 
 
 def checked(archived: Iterable[StudyResults]) -> list[Checked]:
@@ -151,7 +171,9 @@ def success_cells(study: Checked) -> Iterator[Cell]:
         for entry in point.variants:
             low, high = entry.interval
             row = NAMES.get(entry.variant, entry.variant)
-            yield cell(study.name, table, row, column, f"{entry.mean:.3f}", low, high)
+            # One split does not show how splits differ.
+            mark = MARK if len(entry.seeds) == 1 else ""
+            yield cell(study.name, table, row, column, f"{entry.mean:.3f}{mark}", low, high)
 
 
 def claim_cells(study: Checked, by_chance: set[int]) -> Iterator[Cell]:
@@ -178,7 +200,7 @@ def verdict_cells(studies: list[Checked], table: str, is_paper: bool) -> Iterato
             if claim.source.startswith("paper") == is_paper:
                 counts.setdefault((claim.text, claim.source), Counter())[claim.verdict] += 1
         for (text, source), verdicts in counts.items():
-            place = source.removeprefix("paper, ").removeprefix("this project")
+            place = source.removeprefix("paper, ").removeprefix("this project").lstrip(";, ")
             row = f"[{text}](evidence/{study.name}.md)" + (f" *({place})*" if place else "")
             chips = [chip(verdict, verdicts[verdict]) for verdict in get_args(Verdict)]
             yield Cell("results", table, row, study.book, " ".join(filter(None, chips)), "", "")

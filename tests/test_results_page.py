@@ -40,6 +40,12 @@ def results_of(guided, name="knowledge", book="everyday"):
     return msgspec.structs.replace(results, name=f"{name}-{book}", study=study)
 
 
+def shortened(results):
+    """The results of a study with fewer steps than the built-in one."""
+    study = msgspec.structs.replace(results.study, settings={"book": "everyday", "steps": 1_000})
+    return msgspec.structs.replace(results, study=study)
+
+
 def cells_of(script, monkeypatch, *results):
     """The texts of the cells by page, table, row and column."""
     monkeypatch.setattr(script, "read_study", lambda name: results[0].study)
@@ -65,6 +71,24 @@ def test_a_study_gives_tables_of_success_claims_verdicts_and_trainings(script, m
     assert cells["results", "trainings", trainings, "steps"] == "2,000"
 
 
+def test_an_interval_over_the_tasks_of_a_single_split_has_a_mark(script, monkeypatch):
+    row = "knowledge", "success, 8 distractors", "none", "`everyday`"
+    results = results_of(FAR)
+    first = tuple(run for run in results.runs if run.seed == 0)
+    single = msgspec.structs.replace(results, runs=first)
+    assert cells_of(script, monkeypatch, single)[row].endswith("]†")
+    assert cells_of(script, monkeypatch, results)[row].endswith("]")
+
+
+def test_the_place_of_a_claim_of_this_project_is_what_follows_its_name(script, monkeypatch):
+    results = results_of(FAR)
+    claim = msgspec.structs.replace(CLAIM, source="this project; the paper compares them")
+    study = msgspec.structs.replace(results.study, claims=[claim])
+    cells = cells_of(script, monkeypatch, msgspec.structs.replace(results, study=study))
+    row = "[Guided is better.](evidence/knowledge.md) *(the paper compares them)*"
+    assert ("results", "claims of this project", row, "`everyday`") in cells
+
+
 def test_a_difference_that_correction_leaves_to_chance_has_a_mark(script, monkeypatch):
     several = [results_of(FAR), results_of(NEAR, book="little-alchemy-2")]
     cells = cells_of(script, monkeypatch, *several)
@@ -84,15 +108,18 @@ def test_only_complete_studies_are_taken_and_equal_ones_give_equal_bytes(
         "knowledge-everyday": results_of(FAR),
         "alone-everyday": msgspec.structs.replace(results_of(FAR, "alone"), missing=(lost,)),
         "mine": results_of(FAR, "mine"),
+        "sources-everyday": shortened(results_of(NEAR, "sources")),
     }
+    monkeypatch.setattr(script, "read_study", lambda name: results_of(FAR).study)
     monkeypatch.setattr(script, "studies_of", lambda folder: list(collected))
     monkeypatch.setattr(script, "collect_study", lambda folder, name: collected[name])
     script.take(tmp_path, archive)
     first = archive.read_bytes()
     script.take(tmp_path, archive)
     assert archive.read_bytes() == first
-    names = zipfile.ZipFile(archive).namelist()
-    assert names == ["knowledge-everyday.json", "sources-everyday.json"]
+    taken = {results.name: results for results in script.read_archive(archive)}
+    assert list(taken) == ["knowledge-everyday", "sources-everyday"]
+    assert taken["sources-everyday"] == results_of(FAR, "sources")
 
 
 def test_the_check_finds_tables_that_are_out_of_date(script, monkeypatch, tmp_path):

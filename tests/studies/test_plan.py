@@ -258,6 +258,8 @@ def test_defaults_are_those_that_addresses_stand_for():
             '[variants.odd]\nscorer = "partial"\n"scorer.model" = "rotate"',
             "no setting 'scorer.model'",
         ),
+        ('[variants.odd]\nplayer = "planner"\nscorer = "partial"', "by a recipe scorer"),
+        ('[variants.odd]\nplayer = "nearest words"\nfeatures = "learned"', "cannot be 'learned'"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_before_anything_starts(more, said):
@@ -279,7 +281,7 @@ def test_each_training_may_have_its_own_split():
 
 def test_a_split_seed_beside_a_split_for_each_training_is_refused():
     text = "vary_split = true\n" + TEXT.replace("[settings]", "[settings]\nsplit_seed = 1")
-    with pytest.raises(ConfigError, match="`split_seed` is set, but with `vary_split`"):
+    with pytest.raises(ConfigError, match="'split_seed' is set, but with 'vary_split'"):
         parse_study(text, "mine.toml")
 
 
@@ -307,6 +309,12 @@ def test_a_study_that_varies_the_book_itself_takes_no_other():
     )
     with refuses("book"):
         adapted(study, book="everyday")
+
+
+def test_all_built_in_studies_can_be_shortened_and_short_variants_stay_short():
+    for name in built_in():
+        shortened = adapted(read_study(name), steps=300_000)
+        assert {cell.settings["steps"] for cell in cells_of(shortened)} <= {300_000, 50_000}
 
 
 SMALL = """
@@ -367,6 +375,7 @@ def test_points_are_crossed_with_the_grid_and_keep_their_order():
         ('[[points]]\nscorer = "partial"', "variants.guided.scorer is also in the grid"),
         ('[variants.chance]\nplayer = "dice"', "player is 'dice'; expected one of random pair"),
         ('[variants.alone]\nplayer = "planner"', "plays by a scorer; give `scorer`"),
+        ('[variants.chance]\nplayer = "random pair"\nunroll = 3', "unroll is for an agent"),
         (CLAIM, "needs either 'right', a variant, or 'than'"),
         (CLAIM + 'right = "none"\nthan = 1.0', "needs either 'right', a variant, or 'than'"),
         (CLAIM + 'right = "nnoe"', "names an unknown variant 'nnoe'.*none"),

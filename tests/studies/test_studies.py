@@ -256,6 +256,8 @@ def test_runs_on_a_split_each_are_compared_in_pairs_with_intervals_over_splits()
     assert student_interval([3 / 5, 3 / 4, 2 / 3]) == pytest.approx((low, high))
     assert guided.seed_interval is None
     assert view.points[0].tasks == 12
+    (table,) = tables_of(view)
+    assert {"success [splits]", "difference [splits]"} < set(table.headings)
     claim = Claim("Guided is better.", "guided", "no graph", by=0.1)
     (verdict,) = check_claim(results, claim)
     assert verdict.verdict == "reproduced"

@@ -59,8 +59,8 @@ class Changes:
     Attributes:
         book: comma-separated recipe books for a built-in study. Default: little-alchemy-2.
         seeds: number of seeds for each cell. Default: the study's.
-        steps: environment steps for each training. Default: the study's; 3,000,000 (the paper's)
-            for built-in studies.
+        steps: environment steps for each training; variants with fewer of their own keep these.
+            Default: the study's; 3,000,000 for the paper's agents.
     """
 
     book: Words = None

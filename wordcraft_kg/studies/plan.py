@@ -47,6 +47,7 @@ from wordcraft_kg.studies.study import (
     OF_AGENT,
     OF_GRAPH,
     PLAYER,
+    PLAYERS_WITH_SCORER,
     SCORER,
     SCORER_SETTINGS,
     Study,
@@ -419,11 +420,28 @@ class _Planner:
         """
         names = [PLAYER, "features", *(field.name for field in fields(TaskConfig))]
         settings = {name: cell.settings[name] for name in names if name in cell.settings}
+        self._check_player(settings, graph, scorer)
         described = {"graph": graph, "scorer": scorer, "settings": settings}
         described |= self._content(settings.get("features"))
         title = f"{cell.variant}{_values(cell.values)}, {self.tasks[graph].title}"
         needs = (graph,) if scorer is None else (graph, scorer)
         return self._add("runs", described, title, needs)
+
+    def _check_player(self, settings: Values, graph: str, scorer: str | None) -> None:
+        """Raise a ConfigError for a player that lacks the scorer or the vectors to play by."""
+        player = settings[PLAYER]
+        if player in PLAYERS_WITH_SCORER:
+            command = None if scorer is None else self.tasks[scorer].settings["command"]
+            has_pairs_only = self._graphs[self.books[graph]].has_pairs_only
+            if command != RecipeScorerConfig.command or not has_pairs_only:
+                raise ConfigError(
+                    f"player '{player}' plays a book of pairs by a recipe scorer; give it a scorer "
+                    f"with command '{RecipeScorerConfig.command}'."
+                )
+        elif settings.get("features") == LEARNED:
+            raise ConfigError(
+                f"player '{player}' learns nothing, so its features cannot be '{LEARNED}'."
+            )
 
     def _content(self, features: Value | None) -> dict[str, str]:
         """Return :func:`content_of`; files are large, and many cells share them."""

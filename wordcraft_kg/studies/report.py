@@ -52,7 +52,7 @@ def tables_of(view: StudyView) -> list[StudyTable]:
     texts = []
     for heading, text in _COLUMNS:
         if any(text(entry) for entry in entries):
-            headings.append(heading)
+            headings.append(heading.replace(_RESAMPLED, "[splits]") if view.vary_split else heading)
             texts.append(text)
     tables = []
     for point in view.points:
@@ -128,12 +128,14 @@ def _amount(steps: int | None) -> str:
     return "never" if steps is None else f"{steps:,}"
 
 
+_RESAMPLED = "[seeds, tasks]"
+"""What the intervals of a column are over, in its heading; over splits, another."""
 _COLUMNS: tuple[_Column, ...] = (
     ("variant", lambda at: at.variant),
     ("seeds", lambda at: str(len(at.seeds))),
-    ("success [seeds, tasks]", lambda at: with_bounds(at.mean, at.interval)),
+    (f"success {_RESAMPLED}", lambda at: with_bounds(at.mean, at.interval)),
     ("success [seeds]", lambda at: bounds(at.seed_interval)),
-    ("difference [seeds, tasks]", _difference),
+    (f"difference {_RESAMPLED}", _difference),
     ("train", lambda at: "" if at.train is None else f"{at.train:.3f}"),
     ("MRR", _mrr),
     ("p", lambda at: _p_value(at.comparison.p_corrected) if at.comparison else ""),
@@ -154,6 +156,8 @@ def notes(view: StudyView) -> list[str]:
         f"95 % intervals: {about_intervals}."
     ]
     entries = _entries(view)
+    if any(len(entry.seeds) == 1 for entry in entries):
+        sentences.append("The interval of a single seed is over its tasks alone.")
     if any(entry.comparison for entry in entries):
         corrected = ""
         if view.comparisons:
@@ -162,7 +166,7 @@ def notes(view: StudyView) -> list[str]:
             f"Differences are to {view.reference}, paired by seed and task, with intervals over "
             f"{view.resampled}.",
             "Reached after: environment steps until the mean learning curve reaches where that of "
-            f"{view.reference} ends, with the interval over seeds.",
+            f"{view.reference} ends, with the interval over {view.trainings}.",
             "p: of no difference, the level at which the interval of the difference reaches 0, "
             f"none below three seeds{corrected}.",
         ]

@@ -60,7 +60,7 @@ PLAYER = "player"
 """The setting of a variant that names a player without training, in place of an agent."""
 PLAYERS = ("random pair", "nearest words", "best pair", "planner")
 """Players without training: chance, words, and a recipe scorer alone, without or with plans."""
-_WITH_SCORER = PLAYERS[2:]
+PLAYERS_WITH_SCORER = PLAYERS[2:]
 NO_SETTINGS = ("seed", "checkpoint_every")
 """Options that are set by the study or change no result."""
 
@@ -254,7 +254,8 @@ def adapted(
     Args:
         study: the study, which stays as it is.
         book: recipe book; None keeps the study's.
-        steps: environment steps of each training; None keeps the study's.
+        steps: environment steps of each training; None keeps the study's. Variants with fewer steps
+            of their own keep these.
         seeds: trainings per variant and grid point; None keeps the study's.
 
     Raises:
@@ -265,17 +266,31 @@ def adapted(
         changes["book"] = book
     if steps is not None:
         changes["steps"] = steps
-    tables: list[dict[str, Any]] = [study.grid, *study.points, *study.variants.values()]
+    varied: list[dict[str, Any]] = [study.grid, *study.points]
     for name in changes:
+        # Variants with steps of their own are shortened below.
+        tables = varied if name == "steps" else [*varied, *study.variants.values()]
         if any(name in table for table in tables):
             raise ConfigError(f"`{name}`: the study varies this setting; change the study file.")
+    variants = study.variants
+    if steps is not None:
+        variants = {name: _shortened(table, steps) for name, table in variants.items()}
     adapted_study = msgspec.structs.replace(
         study,
+        variants=variants,
         settings={**study.settings, **changes},
         seeds=study.seeds if seeds is None else seeds,
     )
     check_study(adapted_study)
     return adapted_study
+
+
+def _shortened(settings: Values, steps: int) -> Values:
+    """Return a variant's settings with at most so many steps, if it has steps of its own."""
+    variant_steps = settings.get("steps")
+    if not isinstance(variant_steps, int):
+        return settings
+    return {**settings, "steps": min(variant_steps, steps)}
 
 
 def check_study(study: Study, source: str = "study") -> None:
@@ -308,7 +323,7 @@ def check_study(study: Study, source: str = "study") -> None:
     ]
     if study.vary_split and any("split_seed" in table for table in tables):
         raise ConfigError(
-            f"{source}: `split_seed` is set, but with `vary_split` it is each training's seed; "
+            f"{source}: 'split_seed' is set, but with 'vary_split' it is each training's seed; "
             "remove one of the two."
         )
     _check_scorers(study, source)
@@ -344,6 +359,7 @@ def _check_settings(study: Study, source: str) -> None:
     scorer_settings = {f"{SCORER}.{name}" for name in chain.from_iterable(SCORER_SETTINGS.values())}
     allowed_settings = {SCORER, *OF_GRAPH, *OF_AGENT, *scorer_settings} - set(NO_SETTINGS)
     allowed_of_variant = {PLAYER, *allowed_settings}
+    of_training = {name for name, kind in OF_AGENT.items() if kind is not TaskConfig} - {"features"}
     _known(source, "settings.", study.settings, allowed_settings)
     _known(source, "grid.", study.grid, allowed_settings)
     _known(source, "search.", study.search, allowed_settings)
@@ -355,6 +371,11 @@ def _check_settings(study: Study, source: str) -> None:
         _known(source, prefix, settings, allowed_of_variant)
         _check_player(f"{source}: {prefix}{PLAYER}", settings)
         for name in settings:
+            if PLAYER in settings and name in of_training:
+                raise ConfigError(
+                    f"{source}: {prefix}{name} is for an agent that is trained, not for a player; "
+                    f"remove the setting or '{PLAYER}'."
+                )
             if name in varied:
                 raise ConfigError(
                     f"{source}: {prefix}{name} is also in the grid or search; remove the setting "
@@ -369,7 +390,7 @@ def _check_player(name: str, settings: Values) -> None:
     if player not in PLAYERS:
         hint = nearest(str(player), PLAYERS)
         raise ConfigError(f"{name} is {player!r}; expected one of {', '.join(PLAYERS)}.{hint}")
-    if player in _WITH_SCORER and SCORER not in settings:
+    if player in PLAYERS_WITH_SCORER and SCORER not in settings:
         raise ConfigError(f"{name} is {player!r}, which plays by a scorer; give `{SCORER}`, too.")
 
 

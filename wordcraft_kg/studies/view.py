@@ -295,6 +295,11 @@ class StudyView(Record):
         """What the intervals of success are about, in words."""
         return "splits" if self.vary_split else "seeds and tasks"
 
+    @property
+    def trainings(self) -> str:
+        """What the intervals of figures per training are about, in words."""
+        return "splits" if self.vary_split else "seeds"
+
 
 Runs = dict[str, list[RunResult]]
 """Agent runs with the same grid settings, by variant."""
@@ -438,7 +443,8 @@ def _point(results: StudyResults, values: Values, runs: Runs, reference: str) ->
         for run in members:
             graphs[run.graph] = results.graphs[run.graph]
     first_runs = next(iter(runs.values()))
-    num_tasks = results.rates_of(first_runs).scores.shape[1]
+    # A variant that lacks a training lacks the tasks of its split.
+    num_tasks = max(results.rates_of(members).scores.shape[1] for members in runs.values())
     title = title_of(values)
     if not values:
         names = [f"{graph.name}, {graph.kind}" for graph in graphs.values()]

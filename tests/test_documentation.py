@@ -98,6 +98,12 @@ def test_what_a_page_or_an_example_imports_is_there(source):
     assert [(module, name) for module, name in imported if not is_there(module, name)] == []
 
 
+@pytest.mark.parametrize("page", ["AGENTS.md", "CONTRIBUTING.md", "Makefile", ".ci/run"])
+def test_a_test_that_is_named_for_developers_is_there(page):
+    named = re.findall(r"tests/[\w/]+\.py", (ROOT / page).read_text())
+    assert [name for name in named if not (ROOT / name).is_file()] == []
+
+
 @pytest.fixture(scope="module")
 def world(tmp_path_factory):
     """A folder as it is after the commands of README and guides, but with small trainings."""

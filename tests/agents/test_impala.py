@@ -21,6 +21,7 @@ from wordcraft_kg import (
     AgentConfig,
     ImpalaConfig,
     PolicyConfig,
+    RecipeGraph,
     TaskConfig,
     WordCraftConfig,
     World,
@@ -626,6 +627,25 @@ def test_compiling_covers_actor_and_learner_and_changes_nothing(trainer, monkeyp
     monkeypatch.setattr(torch, "compile", count)
     assert torch.equal(train(trainer(compile=True), 3), train(trainer(), 3))
     assert called == {"<lambda>", "_choose", "_losses"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lag", [0, 3])
+def test_a_tiny_world_is_learned_within_two_hundred_updates(lag):
+    rows = ["abe", "acf", "bdg", "cdh", "adi", "bcj"]
+    graph = RecipeGraph.from_recipes([tuple(row) for row in rows])
+    world = World.open(graph, WordCraftConfig(part="all", num_distractors=2))
+    engine = BatchEngine(world, 16)
+    settings = PolicyConfig(features="one-hot", key_size=16, value_size=16)
+    policy, _ = make_policy(settings, graph, engine.num_slots)
+    config = ImpalaConfig(steps=200 * 32, batch_size=16, learning_rate=0.02, policy_lag=lag)
+    impala = Impala(policy, engine.reset(1), config)
+    early = metrics_after(impala, 20)
+    metrics_after(impala, 150)
+    late = metrics_after(impala, 30)
+    assert early["success"] < 0.5  # chance is about 1 in 8
+    assert late["success"] > 0.9
+    assert late["entropy"] < early["entropy"]
 
 
 CLIPS, LIMITS = ("clip_rho", "clip_c", "clip_pg_rho"), (0.0, 0.4, 1.0, 2.5, math.inf)

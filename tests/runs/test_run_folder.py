@@ -7,11 +7,14 @@ import os
 import signal
 import subprocess
 import sys
-from contextlib import nullcontext
+import time
+from contextlib import nullcontext, suppress
 from typing import Any
 
+import numpy as np
 import plain_run
 import pytest
+from helpers import in_file
 
 from wordcraft_kg import (
     AgentConfig,
@@ -376,6 +379,39 @@ def test_a_run_that_another_process_has_finished_meanwhile_stays(tmp_path, monke
 
 
 # --- killed at any moment -------------------------------------------------------------------------
+
+
+COMMAND = "import sys; from wordcraft_kg.cli import main; sys.exit(main(sys.argv[1:]))"
+LONG = {
+    "train-complex": ("--epochs", 60, "--folds", 2, *in_file("train-complex", checkpoint_every=5)),
+    "train-agent": ("--steps", 100_000, *in_file("train-agent", checkpoint_every=5_000)),
+}
+
+
+def start(*arguments):
+    command = [sys.executable, "-c", COMMAND, *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", LONG)
+def test_a_run_killed_at_random_ends_with_the_same_bits(tmp_path, command):
+    """A process may also be killed when its work is done."""
+    rng, whole, folder = np.random.default_rng(0), tmp_path / "whole", tmp_path / "killed"
+    began = time.monotonic()
+    assert start(command, "kitchen", *LONG[command], "--out", whole).wait() == 0
+    duration = time.monotonic() - began
+    for _ in range(4):
+        process = start(command, "kitchen", *LONG[command], "--out", folder)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(duration * rng.uniform(0.4, 0.9))
+        process.kill()
+        process.wait()
+    last = start(command, "kitchen", *LONG[command], "--out", folder)
+    _, said = last.communicate()
+    assert last.returncode == 0 or f"'{folder}' exists" in said.decode()
+    assert learned(folder) == learned(whole)
+    assert {path.name for path in folder.iterdir()} == {path.name for path in whole.iterdir()}
 
 
 def test_a_training_through_a_link_fills_its_target_at_the_end(tmp_path):

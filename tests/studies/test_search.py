@@ -6,6 +6,7 @@ import msgspec
 import pytest
 
 from wordcraft_kg.base.errors import ConfigError, TrainingError
+from wordcraft_kg.studies.plan import make_plan
 from wordcraft_kg.studies.search import search
 from wordcraft_kg.studies.study import Range, Study, parse_study
 
@@ -36,6 +37,13 @@ def test_the_best_trial_wins_and_equal_searches_try_equal_settings():
     tried.clear()
     search(STUDY, score)
     assert tried == first
+
+
+def test_a_setting_out_of_range_is_refused_without_a_traceback(capfd):
+    study = msgspec.structs.replace(STUDY, search=SPACE | {"learning_rate": [-1.0]})
+    with pytest.raises(ConfigError, match="learning_rate"):
+        search(study, lambda trial: len(make_plan(trial, "study").runs))
+    assert "Traceback" not in capfd.readouterr().err
 
 
 def test_a_failed_trial_loses_and_a_search_without_another_fails(caplog):

@@ -274,7 +274,7 @@ def check_plugins(needed: Mapping[str, str], folder: Path) -> None:
         if name in loaded:
             raise NotRegisteredError(
                 f"'{folder}' was made with another plugin '{name}': expected SHA-256 {sha256}, "
-                f"found {loaded[name]}. Restore that file, or train again with this one."
+                f"found {loaded[name]}. Restore that file, or train into another folder."
             )
     if missing:
         files = " and ".join(f"'{name}' with SHA-256 {missing[name]}" for name in missing)

@@ -210,7 +210,7 @@ def describe(
             raise ConfigError("`entity` and `tasks` show different things; give one of them.")
         _describe_tasks(graph, options, output)
         return
-    refuse_given(options, "tasks: add --tasks, or")
+    refuse_given(options, "tasks, with --tasks")
 
     opened = open_graph(graph)
     if entity is not None:

@@ -136,7 +136,7 @@ def reproduce(  # noqa: PLR0913 - parameters are the command's options
     if show:
         refuse_given(changes, "running a study, not for --show")
         return _show(study, engine.out, shown, table, output)
-    refuse_given(shown, "existing results: add --show, or")
+    refuse_given(shown, "existing results, with --show")
     if all_studies:
         return _list(changes, output)
     if study is None:

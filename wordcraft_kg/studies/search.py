@@ -35,7 +35,8 @@ def search(study: Study, score: Callable[[Study], float]) -> Study:
     import optuna
 
     check_searchable(study)
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    # A refused setting is our error of one line, not a warning with a traceback.
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
     trials = optuna.create_study(direction="maximize", sampler=optuna.samplers.TPESampler(seed=0))
     failures: list[TrainingError] = []
 

@@ -391,6 +391,40 @@ def test_changed_games_are_refused_with_the_line_even_under_a_new_hash(copied, c
         verify(folder)
 
 
+def mutated(rng, data):
+    """Return games with a random change of a byte, or of the order or number of the lines."""
+    lines = data.splitlines(keepends=True)
+    one, other = rng.choice(len(lines), 2, replace=False)
+    kind = rng.integers(5)
+    if kind == 0:
+        lines[one], lines[other] = lines[other], lines[one]
+    elif kind == 1:
+        del lines[one]
+    elif kind == 2:
+        lines.insert(one, lines[other])
+    elif kind == 3:  # an invented game: the decisions of another game
+        lines[one] = lines[other].replace(b'"number": %d,' % other, b'"number": %d,' % one)
+    else:
+        place = int(rng.integers(len(data)))
+        changed = (data[place] + 1 + int(rng.integers(255))) % 256
+        return data[:place] + bytes([changed]) + data[place + 1 :]
+    return b"".join(lines)
+
+
+@pytest.mark.slow
+def test_every_mutation_of_the_games_is_refused(copied):
+    folder = copied("craft-8-lite", "nearest-words")
+    path, rng = folder / "games.jsonl", np.random.default_rng(0)
+    original = path.read_bytes()
+    for _ in range(60):
+        changed = mutated(rng, original)
+        assert changed != original
+        path.write_bytes(changed)
+        seal(folder)  # else the hash of the games alone refuses all
+        with pytest.raises(ArtefactError):
+            verify(folder)
+
+
 def test_a_manifest_of_another_book_is_refused(monkeypatch):
     manifest, manifest_hash = read_manifest()
     books = {

@@ -108,6 +108,14 @@ def test_a_server_that_is_down_is_named_in_one_line(run, tmp_path):
     assert "Traceback" not in outcome.err
 
 
+def test_a_server_for_a_player_that_asks_none_is_refused(run, tmp_path):
+    options = ["--player", "votes", "--base-url", "http://127.0.0.1:9/v1"]
+    outcome = run("bench", "run", "craft-1-lite", *options, "--out", tmp_path / "out")
+    assert (outcome.code, outcome.out) == (1, "")
+    assert "--base-url is for --player openai:MODEL, not 'votes'" in outcome.err
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     "reply",
     [b"<html>", {"choices": []}, [1], {"choices": [{"message": None}]}, said(5), said([5])],

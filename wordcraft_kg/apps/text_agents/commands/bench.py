@@ -138,6 +138,8 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
     # Everything that the user can mistype is checked before the games, which may take hours.
     messages = out / MESSAGES
     is_program = player.startswith(("program:", "openai:"))
+    if base_url is not None and not player.startswith("openai:"):
+        raise ConfigError(f"`base_url` is for --player openai:MODEL, not '{player[:100]}'.")
     games = messages / GAMES_FILE
     check_folder(out, games, is_program=is_program, force=force)
     declared = Declared(name, training_data, licence, tokens, price)

@@ -33,7 +33,14 @@ TASK_DEFAULTS = (GameSettings.depth, GameSettings.distractors, "all", None, 0)
 """Options of tasks if none is set: depth, distractors, part, seed and episodes."""
 HOST = "127.0.0.1"
 PORT = 8767
-KEYS = "? shows the rules again, q quits.\n"
+HELP = """
+Name two items to combine them, such as water + earth or 1 2. An item is its number, its name, or \
+the start of its name. ? shows this help, q quits.
+"""
+SET_HELP = """
+Name the items to combine, such as water + earth + fire or 1 + 2 + 2. An item is its number, its \
+name, or the start of its name. ? shows this help, q quits.
+"""
 _WIDTH = 80
 """Columns of the terminal."""
 
@@ -63,13 +70,13 @@ class Terminal:
             print(textwrap.fill(for_terminal(line), _WIDTH), file=self.stream, flush=True)
 
     def ask(self) -> str:
-        """Return a typed line; ``q`` and the end of the input raise :class:`Quit`."""
+        """Return a typed line; ``q``, ``quit`` and the end of the input raise :class:`Quit`."""
         print("> ", end="", file=self.stream, flush=True)
         # Without a console, Python may have no stdin at all.
         line = sys.stdin.readline() if sys.stdin else ""
         if not line or not sys.stdin.isatty():
             self.say(line.strip())  # a terminal has shown the line already
-        if not line or line.strip().casefold() == "q":
+        if not line or line.strip().casefold() in ("q", "quit"):
             raise Quit
         return line.strip()
 
@@ -77,7 +84,14 @@ class Terminal:
         """Play a game to its end; raises :class:`Quit` as :meth:`ask`."""
         while not talk.is_over:
             typed = self.ask()
-            self.say(f"{talk.rules}\n{KEYS}" if typed == "?" else talk.hear(typed))
+            if typed.casefold() in ("?", "help"):
+                self.say(help_text(talk))
+                continue
+            mistakes = talk.invalid_actions
+            reply = talk.hear(typed)
+            # A mistake changes nothing, and the list of items may be long.
+            is_mistake = talk.invalid_actions > mistakes
+            self.say(reply.removesuffix(f"\n\n{talk.game.state}") if is_mistake else reply)
 
     @contextmanager
     def until_quit(self, tally: Callable[[], str]) -> Iterator[None]:
@@ -92,6 +106,11 @@ class Terminal:
         except KeyboardInterrupt:
             self.say("")
             raise KeyboardInterrupt(f"interrupted; {tally()}") from None
+
+
+def help_text(talk: "Conversation") -> str:
+    """Return the rules of a game for a person at a terminal."""
+    return f"{talk.game.rules}\n{SET_HELP if talk.game.most_picks else HELP}"
 
 
 def play(  # noqa: PLR0913 - parameters are the command's options
@@ -220,7 +239,7 @@ def _play_tasks(
             task = int(rng.integers(len(tasks)))
             talk = games.begin(task, distractor_seed=played)
             if not played:
-                terminal.say(talk.rules, KEYS)
+                terminal.say(help_text(talk))
             number = f"{played + 1} of {episodes}" if episodes else f"{played + 1}"
             so_far = f"   (goals made: {successes} of {played})" if played else ""
             terminal.say(f"{number}.{so_far}", talk.game.state)
@@ -257,7 +276,7 @@ def _play_open_world(terminal: Terminal, games: "Play", output: Output) -> None:
         attempts = len(game.known_after)
         return f"known items: {len(game.labels)} of {reachable} after {attempts} attempts"
 
-    terminal.say(talk.rules, KEYS, game.state)
+    terminal.say(help_text(talk), game.state)
     with terminal.until_quit(tally):
         terminal.play(talk)
     base = games.settings.base

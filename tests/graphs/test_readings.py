@@ -78,6 +78,10 @@ READ = {
         "names": {str(IDS[n]): n for n in NAMES},
         "recipes": {str(IDS[c]): [[str(IDS[a]), str(IDS[b])]] for a, b, c in ROWS},
     },
+    "places of a list": {
+        "names": NAMES,
+        "recipes": [[IDS[a] - 1, IDS[b] - 1, IDS[c] - 1] for a, b, c in ROWS],
+    },
     "ids in a table": cells(
         "P1 ID,P1 Name,P2 ID,P2 Name,Child ID,Child Name".replace("P", "Parent "),
         *(lambda a, b, c: str(IDS[a]), first, lambda a, b, c: str(IDS[b]), second),
@@ -199,6 +203,11 @@ READ = {
         "second": [r[1] for r in ROWS],
         "result": [r[2] for r in ROWS],
     },
+    "columns, index and data": {
+        "columns": ["first", "second", "result"],
+        "index": [*range(len(ROWS))],
+        "data": ROWS,
+    },
 }
 
 
@@ -240,6 +249,7 @@ ADVISED = {
     "an unknown key, a large book": [
         {"id": i, "ingredients": [a, b], "zorkel": c} for i, (a, b, c) in enumerate(KITCHEN)
     ],
+    "keys of one word": records("draggedItem", "targetItem", "resultItem", name="r", id=1),
     "chemistry": [{"reactants": [f"a{i}", f"b{i}"], "products": [f"c{i}"]} for i in range(30)],
 }
 
@@ -265,6 +275,17 @@ def test_a_refusal_has_a_command_that_reads_the_file(put, case):
 def test_numbers_and_signs_in_all_labels_are_parts_of_names(put, form):
     rows = [tuple(form.format(IDS[label]) for label in row) for row in ROWS]
     assert recipes(read_book(put(records("a", "b", "result", rows=rows)))) == expected(rows)
+
+
+def test_a_grid_has_ingredients_in_its_first_row_and_column(put):
+    """Results that are no names of the grid are rather effects."""
+    rows = {("a", "a"): "a", ("a", "b"): "c", ("b", "a"): "c", ("b", "b"): "b", ("c", "c"): "b"}
+    grid = "x,a,b,c\n" + "".join(
+        f"{x}," + ",".join(rows.get((x, y), "") for y in "abc") + "\n" for x in "abc"
+    )
+    assert recipes(read_book(put(grid))) == {("a", "b", "c"), ("c", "c", "b")}
+    with pytest.raises(RecipeFileError):
+        read_book(put(re.sub("(?<=,)[abc](?=,|$)", "weak", grid, flags=re.MULTILINE)))
 
 
 def test_a_table_without_a_header_is_advised_in_its_likely_order(put):
@@ -399,14 +420,6 @@ REFUSED = {
     "an id of nothing": (
         {"elements": [{"id": 1, "name": "a"}], "recipes": [{"a": 1, "b": 9, "result": 1}]},
         "'9' is the id of nothing",
-    ),
-    "places of a list": (
-        {"names": NAMES, "recipes": [[IDS[a] - 1, IDS[b] - 1, IDS[c] - 1] for a, b, c in ROWS]},
-        "is the id of nothing here",
-    ),
-    "a grid": (
-        "x,a,b,c\na,a,c,\nb,c,b,\nc,,,b\n",
-        "no documented words name ingredients and a result",
     ),
     "an id of two things": (
         {

@@ -19,11 +19,11 @@ from importlib import import_module
 
 from wrapt import register_post_import_hook
 
-# Two hooks, because PyKEEN imports its models while its training package is still half imported;
-# so the module of ComplEx must not import it.
+# Two modules, because PyKEEN imports its models while its training package is still half imported;
+# so the module of ComplEx must not import that package.
 register_post_import_hook(
     lambda _: import_module("wordcraft_kg.models.links.complex"), "pykeen.models"
 )
 register_post_import_hook(
-    lambda _: import_module("wordcraft_kg.models.links.complex"), "pykeen.training"
+    lambda _: import_module("wordcraft_kg.models.links.symmetric_lcwa"), "pykeen.training"
 )

@@ -24,13 +24,7 @@ from wordcraft_kg.models.links.builders import (
     make_training_loop,
     with_popularity,
 )
-from wordcraft_kg.models.links.complex import (
-    ComplExN3,
-    IndexedSymmetricLCWATrainingLoop,
-    MatmulComplExInteraction,
-    SampledSymmetricLCWATrainingLoop,
-    sampled_cross_entropy,
-)
+from wordcraft_kg.models.links.complex import ComplExN3, MatmulComplExInteraction
 from wordcraft_kg.models.links.config import (
     FULL_SOFTMAX,
     N3_PARTIAL,
@@ -40,6 +34,11 @@ from wordcraft_kg.models.links.config import (
     LinksConfig,
 )
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
+from wordcraft_kg.models.links.symmetric_lcwa import (
+    IndexedSymmetricLCWATrainingLoop,
+    SampledSymmetricLCWATrainingLoop,
+    sampled_cross_entropy,
+)
 from wordcraft_kg.models.scorers.factors import ComplExScorer
 
 D = 6

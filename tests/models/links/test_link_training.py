@@ -278,7 +278,10 @@ NO_GPU = pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has 
             for name in ("nonsense", "cpu:x", "", "meta")
         ),
         pytest.param(replace(SHORT, device="cuda"), "^`device` 'cuda'.*Use cpu", marks=NO_GPU),
-        (LinkModelConfig(model="rotat", dim=4), "'rotat'.*'rotate'"),
+        (
+            LinkModelConfig(model="rotat", dim=4),
+            "'rotat': expected one of .*distmult.*Did you mean 'rotate'",
+        ),
         *(
             (LinkModelConfig(model=name, dim=4, epochs=1), f"'{name}'")  # needs more than triples
             for name in ("nodepiece", "inductivenodepiece", "compgcn", "distmultliteral")

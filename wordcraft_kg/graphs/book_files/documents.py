@@ -326,6 +326,10 @@ def as_records(document: Any) -> Any:
     rows: Any = []
     if isinstance(document, list) and document and isinstance(document[0], list):
         head, *rows = document
+    elif isinstance(document, dict) and isinstance(document.get("data"), list):
+        head, rows = document.get("columns"), document["data"]
+        if not isinstance(head, list):
+            return document
     elif isinstance(document, dict):
         columns = [
             [*value.values()] if isinstance(value, dict) else value for value in document.values()
@@ -623,6 +627,11 @@ def _names(value: Any, texts: _Texts) -> list[Names]:
                     if ids and names_in_row
                 )
             )
+    lists = [path for path in texts if path[-1:] == (EACH,) and not set(path[:-1]) & set(LOOPS)]
+    # Ids may be places in a list of names, if nothing else is.
+    for path in lists if not tables else ():
+        if all(isinstance(value, str) for value in texts[path]):
+            tables.append(names_by_id(enumerate(texts[path])))
     return tables
 
 
@@ -705,6 +714,11 @@ def _by_column(texts: _Texts) -> Iterator[Way]:
     columns = [path for path in columns if is_plain(path[-1][1:])]
     columns = [path for path in columns if not all(map(is_number, texts[path]))]
     is_unnamed = all(path[-1][1:].isdecimal() for path in texts)
+    for word in set(chain.from_iterable(words_of(path[-1][1:]) for path in columns)):
+        # Such as draggedItem, targetItem and resultItem.
+        like = [path for path in columns if word in words_of(path[-1][1:])]
+        if len(like) == 3 and words_of(like[-1][-1][1:]) & RESULT:
+            yield Way((like[0], like[1]), (like[2],), is_documented=False)
     if len(columns) == 3 and not any(is_name(path[-1][1:]) for path in columns):
         a, b, c = columns
         for first_part, second_part, result_path in ((a, b, c), (b, c, a), (a, c, b)):

@@ -335,6 +335,9 @@ def _document(
             "with a sign such as = or ->"
         )
         raise refusal(path, problem, "lines", "Another delimiter is named with --delimiter.")
+    grid = _grid(body)
+    if grid is not None:
+        return grid
     heads = [row for row in body[:_HEADER_ROWS] if _are_names(row.cells)]
     is_first = not heads and (is_named or _are_unknown_names(body))
     header = next(iter(body[:1] if is_first else heads), None)
@@ -366,6 +369,22 @@ def _document(
                 document.others.append(odd)
     source.reading = replace(source.reading, header=bool(names))
     return document
+
+
+def _grid(body: Sequence[Line]) -> Document | None:
+    """Return the recipes of a grid: ingredients in the first row and column, results in cells."""
+    (_, *names), *below = [row.cells for row in body]
+    if len(names) < _FEWEST_BELOW or [cells[0] for cells in below] != names:
+        return None
+    document = Document([], is_table=True)
+    for row in body[1:]:
+        for name, result in zip(names, row.cells[1:], strict=False):
+            document.places.append(row.number)
+            document.value.append({"first": row.cells[0], "second": name, "result": result})
+    results = [record["result"] for record in document.value if record["result"]]
+    # In a table of effects or numbers, results are no names.
+    is_closed = 2 * sum(result in names for result in results) > len(results)
+    return document if is_closed else None
 
 
 def _odd_row(

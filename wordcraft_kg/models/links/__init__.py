@@ -2,8 +2,8 @@
 
 Read ``config`` first (all settings), then ``training`` (a run from begin to model folder),
 ``fitting`` (epochs, validation, checkpoints), ``builders`` (from settings to a PyKEEN model, and
-from the model to scorer tensors) and ``records`` (the folder's files). ``complex`` has model and
-objective of the WordCraft paper (Jiang et al. 2020).
+from the model to scorer tensors) and ``records`` (the folder's files). ``complex`` and
+``symmetric_lcwa`` are model and objective of the WordCraft paper (Jiang et al. 2020).
 ``training`` also trains the models of folds, ``fitting`` chooses weights on small and on large
 books, and ``outside`` reads triples from outside the book. ``pykeen_bridge`` guards PyKEEN's
 global generators, and makes scorers from models of PyKEEN's pipeline. PyKEEN is used in this

@@ -20,17 +20,17 @@ from pykeen.triples import TriplesFactory
 
 from wordcraft_kg.base import ConfigError, nearest, refuse
 from wordcraft_kg.graphs import RELATIONS, Ids
-from wordcraft_kg.models.links.complex import (
-    ComplExN3,
-    IndexedSymmetricLCWATrainingLoop,
-    SampledSymmetricLCWATrainingLoop,
-)
+from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.config import (
     ComplExConfig,
     LinkModelConfig,
     LinkSettings,
 )
 from wordcraft_kg.models.links.pykeen_bridge import all_scores
+from wordcraft_kg.models.links.symmetric_lcwa import (
+    IndexedSymmetricLCWATrainingLoop,
+    SampledSymmetricLCWATrainingLoop,
+)
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, has_table, table_bytes
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 
@@ -167,8 +167,9 @@ def model_class(name: str) -> type[Model]:
     """Return the PyKEEN model class with a given name, in any case of letters.
 
     Raises:
-        ConfigError: for an unknown model (the error names the nearest), a model without embeddings,
-            or ComplEx, which means the paper's model and has its own training command.
+        ConfigError: for an unknown model (the error names all of them, and the nearest), a model
+            without embeddings, or ComplEx, which means the paper's model and has its own training
+            command.
     """
     if name.lower() == "complex":
         raise ConfigError(
@@ -177,11 +178,11 @@ def model_class(name: str) -> type[Model]:
             "PyKEEN's ComplEx with sampled negatives, use "
             'pipeline(dataset="wordcraft", model="ComplEx").'
         )
-    if name.lower() not in model_resolver.lookup_dict:
-        raise refuse(
-            "model", name, "a PyKEEN model", nearest(name.lower(), model_resolver.lookup_dict)
-        )
-    kind: type[Model] = model_resolver.lookup_dict[name.lower()]
+    models = model_resolver.lookup_dict
+    if name.lower() not in models:
+        names = sorted(known for known, kind in models.items() if issubclass(kind, ERModel))
+        raise refuse("model", name, f"one of {', '.join(names)}", nearest(name.lower(), names))
+    kind: type[Model] = models[name.lower()]
     if not issubclass(kind, ERModel):
         raise ConfigError(
             f"`model` {name!r} learns no embeddings; expected a PyKEEN embedding model, as "

@@ -2,6 +2,7 @@
 
 import threading
 from abc import ABC, abstractmethod
+from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Self
@@ -24,8 +25,10 @@ from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 Rows = Tensor | slice
 """Rows of a batch: their numbers, or all of them as a slice."""
-KEPT = 2**24
-"""Most numbers that a source keeps: 64 MiB of float32."""
+KEPT = 2**28
+"""Most bytes that a source keeps: 256 MiB, some 600,000 tables."""
+ROW_BYTES = 400
+"""Bytes of a kept row beside its scores: key, array, and their places in a dictionary; measured."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,8 @@ class KeptScores:
 
     def __init__(self) -> None:
         """Keep nothing yet."""
-        self._rows: dict[tuple[tuple[int, ...], bytes], NDArray[np.float32]] = {}
+        # A plain dictionary looks for its oldest key among the places of all that were dropped.
+        self._rows = OrderedDict[tuple[tuple[int, ...], bytes], NDArray[np.float32]]()
         self._size = 0
         self._lock = threading.Lock()
 
@@ -108,18 +112,20 @@ class KeptScores:
         return torch.from_numpy(np.array(scores, np.float32).reshape(-1, *shape)).to(device)
 
     def _keep(self, key: tuple[tuple[int, ...], bytes], row: NDArray[np.float32]) -> None:
-        """Keep the scores of a row; beyond :data:`KEPT` numbers, the oldest rows are dropped."""
+        """Keep the scores of a row; beyond :data:`KEPT` bytes, the oldest rows are dropped."""
         if key not in self._rows:
-            self._size += row.size
+            self._size += ROW_BYTES + row.nbytes
         # A copy, so that one row does not hold on to the scores of its batch.
         self._rows[key] = row.copy()
         while self._size > KEPT:
-            self._size -= self._rows.pop(next(iter(self._rows))).size
+            _, oldest = self._rows.popitem(last=False)
+            self._size -= ROW_BYTES + oldest.nbytes
 
     def forget(self, *_: object) -> None:
         """Drop all scores; takes any arguments, so that it can be a hook of torch."""
-        self._rows = {}
-        self._size = 0
+        with self._lock:
+            self._rows.clear()
+            self._size = 0
 
 
 class Source(nn.Module, ABC):

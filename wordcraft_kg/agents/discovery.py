@@ -449,7 +449,8 @@ def summarise_curves(
 
     Returns:
         A table with a row per player and number of attempts, in the order of ``curves``: ``mean``
-        over runs, and ``low`` and ``high`` of the 95 % interval (Student's t; NaN for one run).
+        over runs, and ``low`` and ``high`` of the 95 % interval (Student's t, not below
+        the start; NaN for one run).
     """
     from scipy.special import stdtrit
 
@@ -459,6 +460,7 @@ def summarise_curves(
     groups = curves[is_chosen].groupby(["player", "attempt"], sort=False)
     table = groups["known"].agg(mean="mean", error="sem", runs="size").reset_index()
     margin = stdtrit(table.pop("runs") - 1, 0.975) * table.pop("error")
-    table["low"] = table["mean"] - margin
+    # Nothing is forgotten: no run knows less than the fewest at the start.
+    table["low"] = np.maximum(table["mean"] - margin, curves["known"].min())
     table["high"] = table["mean"] + margin
     return table

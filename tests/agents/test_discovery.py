@@ -11,7 +11,7 @@ from helpers import refuses
 from scipy.optimize import minimize
 from scipy.spatial import distance
 
-from wordcraft_kg import RecipeGraph, load_scorer
+from wordcraft_kg import load_scorer
 from wordcraft_kg.agents import recipe_discovery
 from wordcraft_kg.agents.discovery import (
     DISCOVERERS,
@@ -30,7 +30,8 @@ from wordcraft_kg.agents.recipe_discovery import (
     RecipeDiscoverer,
 )
 from wordcraft_kg.envs.open_ended import Discovery, OpenEndedEnv
-from wordcraft_kg.evaluation.discovery import open_guide
+from wordcraft_kg.evaluation.discovery import open_guide, view_discovery
+from wordcraft_kg.graphs import Recipe, RecipeGraph
 from wordcraft_kg.models.recipes.inductive import for_labels
 from wordcraft_kg.models.scorers.features import glove_features
 
@@ -424,3 +425,30 @@ def test_a_thought_names_the_rule_the_chance_and_the_expected_result(labelled, w
             is_cover = (attempt + 1) % COVER == 0
             assert thought.reason == ("cover" if is_cover else "value")
     assert reasons[:FREE] == ["random start"] * FREE
+
+
+def test_a_scorer_of_other_results_is_counted(recipes_folder, kitchen):
+    # Each result is a made entity, and every second recipe takes the one of the next.
+    rows = kitchen.recipe_labels()
+    turned = [*rows[1:], rows[0]]
+    changed = [
+        row if place % 2 else Recipe(row.ingredients, following.result)
+        for place, (row, following) in enumerate(zip(rows, turned, strict=True))
+    ]
+    wrong = RecipeGraph.from_recipes(changed, kitchen.base)
+    guide = open_guide(recipes_folder, wrong)
+    trained = {tuple(kitchen.labels(row)) for row in guide.recipes.scorer.recipes.tolist()}
+    recipes = {tuple(wrong.labels(row)) for row in wrong.recipes.tolist()}
+    assert guide.shared == len(trained & recipes)
+    pairs = {recipe[:2] for recipe in trained} & {recipe[:2] for recipe in recipes}
+    assert guide.contradicted == len(pairs - {recipe[:2] for recipe in trained & recipes}) > 0
+
+
+def test_a_world_of_one_entity_or_of_thousands_of_results_of_a_pair():
+    one = RecipeGraph(["water"], np.empty((0, 3), dtype=np.int64), [0], "one")
+    with refuses("base"):
+        view_discovery(one, ["greedy"])
+    rows = [("a", "b", f"thing {number}") for number in range(5_000)]
+    many = RecipeGraph.from_recipes(rows, ["a", "b"])
+    view = view_discovery(many, ["random-no-repeat", "greedy"], attempts=4, runs=1)
+    assert view.players["greedy"]["1"].mean == 5_002

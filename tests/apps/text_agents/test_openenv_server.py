@@ -4,10 +4,13 @@ import asyncio
 import importlib.util
 import json
 import os
+import re
+import shlex
 import signal
 import subprocess
 import sys
 import time
+import tomllib
 from collections import Counter
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,9 +20,10 @@ from starlette import testclient
 from starlette.websockets import WebSocketDisconnect
 
 from tests.apps.text_agents.scripted import plan_pairs
-from wordcraft_kg.apps.text_agents.benchmark import open_track
+from wordcraft_kg import __version__
+from wordcraft_kg.apps.text_agents.benchmark import open_track, read_manifest
 from wordcraft_kg.apps.text_agents.hosted_games import GameList, games_writer, open_play
-from wordcraft_kg.apps.text_agents.openenv_server import make_openenv_app
+from wordcraft_kg.apps.text_agents.openenv_server import CraftingSession, make_openenv_app
 from wordcraft_kg.apps.text_agents.records import GamesHeader
 from wordcraft_kg.apps.text_agents.results import read_games
 from wordcraft_kg.apps.text_agents.submission import replay
@@ -483,3 +487,53 @@ def test_without_its_package_the_command_names_the_extra(run, uninstalled):
     outcome = run("serve", "openenv", "kitchen")
     assert (outcome.code, outcome.kind) == (1, "MissingExtraError")
     assert "websockets" in outcome.err
+
+
+pytest.importorskip("starlette")
+
+
+PACKAGE = Path(__file__).parents[3] / "publish" / "openenv"
+
+
+@pytest.mark.slow
+def test_canary_games_and_the_declared_number_of_tasks_are_those_of_the_server():
+    games = GameList({"train": [open_play("everyday", "train", 1, 8, None)]})
+    session = CraftingSession(games)
+    lines = (PACKAGE / "validation" / "canaries.jsonl").read_text(encoding="utf-8").splitlines()
+    rewards = []
+    for line in map(json.loads, lines):
+        session.reset(line["reset"])
+        total = sum(session.step(action)["reward"] for action in line["actions"])
+        assert total == line["reward"]
+        rewards.append(total)
+    assert {*rewards} == {0.0, 1.0}
+    declared = (PACKAGE / "openenv.yaml").read_text(encoding="utf-8")
+    assert re.search(r"^      train: (\d+)$", declared, re.M)[1] == str(games.count("train"))
+
+
+def test_the_card_of_the_benchmark_names_its_tracks():
+    card = (PACKAGE.parent / "everyday-v3" / "README.md").read_text(encoding="utf-8")
+    rows = "\n".join(line for line in card.splitlines() if line.startswith("| `"))
+    assert set(re.findall(r"`([a-z0-9-]+)`", rows)) == set(read_manifest()[0].tracks)
+
+
+def test_the_package_is_of_this_version_and_ships_no_oracle_in_its_image():
+    declared = (PACKAGE / "openenv.yaml").read_text(encoding="utf-8")
+    assert f"\nversion: {__version__}\n" in declared
+    copied = re.findall(r"^COPY (.*)", (PACKAGE / "Dockerfile").read_text(encoding="utf-8"), re.M)
+    assert copied == ["*.whl ./", "server ./server"]
+
+
+def test_the_image_has_the_packages_of_the_small_installation_and_of_the_extra():
+    root = PACKAGE.parents[1]
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    guide = (root / "docs" / "installation.md").read_text(encoding="utf-8")
+    small = re.findall(r"^pip install (cyclopts .*)$", guide, re.M)[0].split()
+    (command,) = re.findall(
+        r"pip install --no-cache-dir (cyclopts.*?) &&",
+        (PACKAGE / "Dockerfile").read_text(encoding="utf-8"),
+        re.S,
+    )
+    extra = project["optional-dependencies"]["openenv"]
+    # Sessions stand on pages' guard, whose messages are templates.
+    assert sorted(shlex.split(command.replace("\\\n", ""))) == sorted([*small, *extra, "jinja2"])

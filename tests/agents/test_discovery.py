@@ -10,9 +10,10 @@ import torch
 from helpers import refuses
 from scipy.optimize import minimize
 from scipy.spatial import distance
+from scipy.special import stdtrit
 
 from wordcraft_kg import load_scorer
-from wordcraft_kg.agents import recipe_discovery
+from wordcraft_kg.agents import discovery, recipe_discovery
 from wordcraft_kg.agents.discovery import (
     DISCOVERERS,
     BookDiscoverer,
@@ -154,6 +155,11 @@ def test_the_oracle_takes_the_pair_of_the_highest_value(kitchen):
         pair = player.choose()
         assert pair in best_pairs(values)
         player.observe(pair, game.combine(*pair)[0])
+
+
+@pytest.mark.parametrize("free", [1, 2, 3, 4, 9, 30, 99])
+def test_the_quantile_without_scipy_is_students(free):
+    assert discovery._student_quantile(free) == pytest.approx(stdtrit(free, 0.975), abs=1e-9)
 
 
 def test_the_summary_gives_means_and_intervals():

@@ -89,6 +89,12 @@ def test_chats_are_of_tasks_in_the_range(run, tmp_path):
     assert all(f"-{task}-" in out.read_text() for task in hard[np.arange(5) * len(hard) // 5])
 
 
+@pytest.mark.parametrize("limits", [0.5, (0.5,), ".2:.8"])
+def test_a_range_in_python_is_two_shares(limits):
+    with pytest.raises(ConfigError, match=r"expected two shares such as \(.2, .8\)"):
+        crafting_rows("everyday", part="test", difficulty=limits, tasks=2)
+
+
 @pytest.mark.parametrize(
     ("graph", "text", "says"),
     [

@@ -61,6 +61,8 @@ def tasks_within(world: World, limits: tuple[float, float]) -> Ids:
     Raises:
         ConfigError: for another range, a task that was not measured, or if no task is left.
     """
+    if not isinstance(limits, tuple | list) or len(limits) != 2:
+        raise ConfigError(f"`difficulty` {limits!r}: expected two shares such as (.2, .8).")
     low, high = limits
     number_in("difficulty", low, 0, 1, "a share from 0 to 1")
     number_in("difficulty", high, low, 1, f"a share from {low:g} to 1")

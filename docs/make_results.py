@@ -18,6 +18,7 @@ studies (Holm 1979).
 """
 
 import argparse
+import re
 import sys
 import zipfile
 from collections import Counter
@@ -43,6 +44,8 @@ ORDER = ("embeddings", "knowledge", "sources", "alone", "parts", "planning")
 BOOKS = {"little-alchemy-2": "Little Alchemy 2", "everyday": "`everyday`"}
 KINDS = {"by-recipe": "unseen recipes", "by-goal": "unseen goals"}
 """Kinds of split in words."""
+FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s/]+/)+")
+"""The folders of an absolute path."""
 LEVEL = 0.05
 """Least corrected p-value of a difference that may be chance."""
 BY_CHANCE = "‡"
@@ -110,7 +113,9 @@ def take(folder: Path, target: Path) -> None:
         elif not is_built_in(results):
             sys.stderr.write(f"{name}: not taken, its settings are no built-in study's\n")
         else:
-            texts[name] = results_text(results)
+            # The results folder may lie anywhere, and the archive names no place of a machine.
+            command = FOLDERS.sub("", results.command)
+            texts[name] = results_text(structs.replace(results, command=command))
     with staged_file(target, force=True) as staged, zipfile.ZipFile(staged, "w") as archive:
         for name, text in sorted(texts.items()):
             # The same date for all, so that equal results are equal bytes.

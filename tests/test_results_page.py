@@ -105,7 +105,9 @@ def test_only_complete_studies_are_taken_and_equal_ones_give_equal_bytes(
         file.writestr("sources-everyday.json", results_text(results_of(FAR, "sources")))
     lost = Missing("guided", {"distractors": 8}, 2, "the disk was full")
     collected = {
-        "knowledge-everyday": results_of(FAR),
+        "knowledge-everyday": msgspec.structs.replace(
+            results_of(FAR), command="wordcraft-kg reproduce knowledge --out /home/me/results"
+        ),
         "alone-everyday": msgspec.structs.replace(results_of(FAR, "alone"), missing=(lost,)),
         "mine": results_of(FAR, "mine"),
         "sources-everyday": shortened(results_of(NEAR, "sources")),
@@ -120,6 +122,8 @@ def test_only_complete_studies_are_taken_and_equal_ones_give_equal_bytes(
     taken = {results.name: results for results in script.read_archive(archive)}
     assert list(taken) == ["knowledge-everyday", "sources-everyday"]
     assert taken["sources-everyday"] == results_of(FAR, "sources")
+    # No path of the machine is kept.
+    assert taken["knowledge-everyday"].command == "wordcraft-kg reproduce knowledge --out results"
 
 
 def test_the_check_finds_tables_that_are_out_of_date(script, monkeypatch, tmp_path):

@@ -76,7 +76,7 @@ class Measured(Record, frozen=True):
         groups: number of task groups that the interval resamples; equal to ``tasks`` if each task
             is a group.
         splits: number of splits, one for each training; 1 if all trainings have the same.
-        p_value: of no difference; None for a single seed.
+        p_value: of no difference; None below three seeds, as for comparisons.
     """
 
     values: Values
@@ -255,7 +255,9 @@ def _sides(results: StudyResults, claim: Claim, point: Values) -> _Sides:
 def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
     sides = _sides(results, claim, point)
     low, high = _interval(claim, sides)
-    p_value = None if len(sides.seeds) == 1 else _p_value(claim.measure, sides.differences)
+    p_value = None
+    if len(sides.seeds) >= FEWEST_PAIRS:
+        p_value = _p_value(claim.measure, sides.differences)
     left = sides.left.mean
     right = sides.right.mean
     tasks = sides.left.scores.shape[1] if claim.measure == "success" else 0

@@ -254,10 +254,7 @@ def _sides(results: StudyResults, claim: Claim, point: Values) -> _Sides:
 
 def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
     sides = _sides(results, claim, point)
-    low, high = _interval(claim, sides)
-    p_value = None
-    if len(sides.seeds) >= FEWEST_PAIRS:
-        p_value = _p_value(claim.measure, sides.differences)
+    low, high, p_value = _interval(claim, sides)
     left = sides.left.mean
     right = sides.right.mean
     tasks = sides.left.scores.shape[1] if claim.measure == "success" else 0
@@ -274,22 +271,9 @@ def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
         tasks=tasks,
         groups=tasks if groups is None else _number_of_groups(groups, splits),
         splits=1 if splits is None else len(set(splits)),
-        p_value=p_value,
+        # Two seeds give an interval, and too few degrees of freedom for a test.
+        p_value=p_value if len(sides.seeds) >= FEWEST_PAIRS else None,
     )
-
-
-def _p_value(measure: Measure, differences: PlayedRates) -> float:
-    """Return the p-value of "no difference", from the interval's method."""
-    if measure == "success":
-        _, p_value = crossed_difference(*differences)
-        return p_value
-    by_seed = differences.scores[:, 0]
-    # Equal differences of all seeds have no spread to divide by.
-    if np.ptp(by_seed) == 0:
-        return 0.0 if by_seed[0] else 1.0
-    from scipy.stats import ttest_1samp
-
-    return float(ttest_1samp(by_seed, 0.0).pvalue)
 
 
 def _number_of_groups(groups: Ids, splits: Ids | None) -> int:
@@ -353,25 +337,35 @@ def _metric(measure: Measure, run: RunResult, partner: RunResult) -> float:
     return steps / run.steps
 
 
-def _interval(claim: Claim, sides: _Sides) -> tuple[float, float] | tuple[None, None]:
-    # An interval over tasks alone would be about two trainings, but the claim is about agents.
+def _interval(claim: Claim, sides: _Sides) -> tuple[float, float, float] | tuple[None, None, None]:
+    """Return the interval of the difference, and the p-value of "no difference" by its method.
+
+    All are None for a single seed: an interval over tasks alone would be about two trainings, but
+    the claim is about agents.
+    """
     if len(sides.seeds) == 1:
-        return None, None
-    if claim.measure == "success" and claim.than is not None:
-        # One side is exact, so the interval of the other is that of the difference, moved.
-        low, high = rate_interval(*sides.left)
-        return low - claim.than, high - claim.than
+        return None, None, None
     differences = sides.differences
     if claim.measure == "success":
-        (_, low, high), _ = crossed_difference(*differences)
-        return low, high
+        (_, low, high), p_value = crossed_difference(*differences)
+        if claim.than is not None:
+            # One side is exact, so the interval of the other is that of the difference, moved.
+            low, high = (end - claim.than for end in rate_interval(*sides.left))
+        return low, high, p_value
     # Shares lie in [0, 1], and so their differences in [-1, 1]: no interval reaches beyond.
     within = (-1.0, 1.0)
     if claim.than is not None:
         within = (-claim.than, 1 - claim.than)
     # One value for each seed, shape (seeds,).
     by_seed = differences.scores[:, 0]
-    return student_interval(by_seed, within=within) or (None, None)
+    ends = student_interval(by_seed, within=within)
+    assert ends is not None, "there are several seeds"
+    if np.ptp(by_seed) == 0:
+        # Equal differences of all seeds have no spread to divide by.
+        return *ends, 0.0 if by_seed[0] else 1.0
+    from scipy.stats import ttest_1samp
+
+    return *ends, float(ttest_1samp(by_seed, 0.0).pvalue)
 
 
 def _rule(results: StudyResults, claim: Claim, measured: Sequence[Measured]) -> tuple[Verdict, str]:
@@ -485,7 +479,7 @@ def _changes(results: StudyResults, claim: Claim, one: Measured, other: Measured
     # A value that the claim names is the same at both points, and so cancels in the change.
     difference_claim = msgspec.structs.replace(claim, than=None)
     change = _Sides(first_sides.seeds, first_sides.differences, second_sides.differences)
-    low, high = _interval(difference_claim, change)
+    low, high, _ = _interval(difference_claim, change)
     if low is None or high is None:
         return False
     return low > 0 or high < 0

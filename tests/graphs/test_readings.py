@@ -610,3 +610,13 @@ def test_a_cell_of_blanks_that_cannot_be_seen_is_a_fault(put_of_cells):
 def test_labels_that_stand_for_nothing_are_named(put_of_cells):
     line = read_book(put_of_cells(OWN + "NA,earth,Nothing\n")).reading.line()
     assert "'NA', 'Nothing' kept as entities" in line
+
+
+@pytest.mark.parametrize(
+    ("cell", "says"),
+    [(", wall, ", "the label '' is blank"), ("[stone, wall]x, [lava]", "leave its brackets out")],
+)
+def test_a_cell_without_brackets_is_not_refused_for_them(put_of_cells, cell, says):
+    path = put_of_cells(f"ingredients;result\nwater, earth;mud\n{cell};house\n")
+    first_finding, *_ = check_book(path, delimiter=";").findings
+    assert says in first_finding.message

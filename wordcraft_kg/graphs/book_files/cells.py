@@ -51,6 +51,7 @@ _OFTEN = 0.5  # share of the cells with a joiner
 _LISTED = re.compile(r"\s*[\[({]\s*(?:[\[({]\s*)?[\"'].*[\])}]\s*", re.DOTALL)
 _MOST_BRACKETS = 1_000  # in a cell; deeper lists are no recipes
 _MOST_WITHOUT_GRID = 3  # ingredients; more may be the slots of a crafting grid
+_OPENING, _CLOSING = ("(", "[", "{"), (")", "]", "}")
 _ALTERNATIVE = re.compile(r"[;|]| or | / |<br\s*/?>|, ", re.IGNORECASE)
 _FIGURE = re.compile(r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?%?")
 
@@ -142,14 +143,15 @@ def find_joiner(
     return None if is_parted else ""
 
 
-def alternatives(ingredients: Sequence[str], joiner: str) -> str:
-    """Return why the parts of a cell may be those of several recipes; empty if they are not.
+def ambiguity(ingredients: Sequence[str], joiner: str) -> str:
+    """Return why it is not certain that the parts of a cell are one recipe's; empty if it is.
 
     Args:
         ingredients: parts between joiners, such as "water", "earth or rain", "dirt".
         joiner: the sign between them.
     """
-    if len(ingredients) > 1 and ingredients[0][:1] in "([{" and ingredients[-1][-1:] in ")]}":
+    first, last = ingredients[0], ingredients[-1]
+    if len(ingredients) > 1 and first.startswith(_OPENING) and last.endswith(_CLOSING):
         return f"{joiner.join(ingredients)[:80]!r} is no list that is read; leave its brackets out."
     for part in ingredients:
         sign = _ALTERNATIVE.search(part)
@@ -194,7 +196,7 @@ def _pieces(value: Any, joiner: str | None, *, is_alone: bool) -> tuple[list[str
             [],
             f"{value[:80]!r} may be one ingredient or several; write {joiner or '+'} between.",
         )
-    return several, alternatives(several, joiner)
+    return several, ambiguity(several, joiner)
 
 
 def rows_of_raw(raw: Raw, joiner: str | None) -> Iterator[Entry]:

@@ -20,7 +20,7 @@ from msgspec.structs import replace
 
 from wordcraft_kg.base import ConfigError, counted
 from wordcraft_kg.graphs.book_files.cells import (
-    alternatives,
+    ambiguity,
     is_number,
     read_labels,
     trim_unseen,
@@ -577,7 +577,7 @@ def _recipes(source: FileRows, number: int, sides: _Sides, *, sum_is_left: bool)
     for ingredients, result in pairs:
         # Each fault once, in the order of the labels.
         faults = dict.fromkeys(filter(None, map(_label_fault, (*ingredients, result))))
-        message = alternatives(ingredients, "+") or " Also, ".join(faults)
+        message = ambiguity(ingredients, "+") or " Also, ".join(faults)
         yield Fault(number, "label", message) if message else Row(number, ingredients, result)
 
 

@@ -1,7 +1,7 @@
 """Agents: training by IMPALA with V-trace, scripted players, evaluation, explanation and discovery.
 
-Start with ``impala`` (the trainer) and ``losses`` (V-trace among them); ``training`` makes a run of
-it, with ``records`` and ``agent_folder`` for the files. ``config`` holds the settings,
+Read ``impala`` (the trainer) first, and ``losses`` (V-trace among them); ``training`` makes a run
+of it, with ``records`` and ``agent_folder`` for the files. ``config`` holds the settings,
 ``states`` turns environment states into tensors. ``evaluation`` plays policies and ``players``
 scripted players; ``explanation`` explains actions; ``discovery`` and ``recipe_discovery`` play the
 open-ended game; ``sb3`` trains our policies by Stable-Baselines3.

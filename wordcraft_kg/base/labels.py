@@ -182,30 +182,25 @@ class LabelIndex:
         if text in self._exact:
             return [self._exact[text]]
         plain = folded(text)
-        bare = _bare(text)
+        without_marks = _bare(text)
         # The text is the plural of a label, or a label is the plural of the text.
-        in_plural = set(self._plural.get(bare, ()))
-        for form in _plurals(bare):
+        in_plural = set(self._plural.get(without_marks, ()))
+        for form in _plurals(without_marks):
             in_plural |= self._bare.get(form, set())
         signs = _signs(text)
-        by_rule = (self._folded.get(plain), self._bare.get(bare), in_plural)
+        by_rule = (self._folded.get(plain), self._bare.get(without_marks), in_plural)
         for places in by_rule:
-            meant = [place for place in places or () if self._signs[place] == signs]
-            if meant:
-                return sorted(meant)
+            matches = [place for place in places or () if self._signs[place] == signs]
+            if matches:
+                return sorted(matches)
         # The sign at an end is not the beginning of a longer name.
         if not by_beginning or signs[1]:
             return []
         # Searched in turn: beginnings come last, and rarely.
         beginnings = enumerate(self._plain)
-        meant = [place for place, label in beginnings if label.startswith(plain)]
+        matches = [place for place, label in beginnings if label.startswith(plain)]
         # A label without its sign is another label, not a beginning.
-        longer = []
-        for place in meant:
-            without_sign = self._plain[place].rstrip(SIGNS)
-            if without_sign != plain:
-                longer.append(place)
-        return longer
+        return [place for place in matches if self._plain[place].rstrip(SIGNS) != plain]
 
 
 index_of = lru_cache(maxsize=64)(LabelIndex)

@@ -670,13 +670,21 @@ class BatchEngine:
         return _Picked(illegal, ends_attempt, is_complete, pair, selection, picks)
 
     def _results(self, state: State, pair: Array, running: Array, *, is_replaced: bool) -> _Results:
-        """Return what the pairs, shape (N,), make: goals, new tables and shaped rewards."""
+        """Return what pairs make: goals, new tables and shaped rewards.
+
+        Args:
+            state: the state before the action, of N environments.
+            pair: number of the pair or set that is combined, shape (N,); ``no_pair`` without.
+            running: whether the episode goes on, shape (N,), bool.
+            is_replaced: whether the next call begins new episodes where these end, so that nobody
+                sees the tables of an end, and they need not be made.
+        """
         made_goal = self.arrays.full((self.num_envs,), 0, "bool")
         by_plan = self.arrays.full((self.num_envs,), 0, "bool")
         shaped = None
         if self._is_shaped:
             shaped = self.arrays.full((self.num_envs,), 0, self._reward_dtype)
-        wide = state.wide
+        padded_table = state.wide
         count = state.count
         attempts = self._combine(state, pair, running)
         if attempts is not None:
@@ -686,10 +694,10 @@ class BatchEngine:
             is_final = (final_pairs == pair[rows][:, None]).any(1)
             by_plan[rows] = attempts.is_goal & is_final
             if not (is_replaced and self._are_all_over(state, attempts)):
-                wide, count, news = self._put_on_table(state, attempts)
+                padded_table, count, news = self._put_on_table(state, attempts)
                 if shaped is not None:
                     shaped[rows] = self._shaping(state, attempts, news)
-        return _Results(made_goal, by_plan, wide, count, shaped)
+        return _Results(made_goal, by_plan, padded_table, count, shaped)
 
     def _reward(self, results: _Results, picked: _Picked) -> Array:
         """Return the rewards, shape (N,)."""

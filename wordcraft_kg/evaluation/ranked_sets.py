@@ -240,6 +240,11 @@ def read_predictions(path: Path) -> Predictions:
 
 
 def _test_goals(model: Model, scorer: SetScorer) -> _Goals:
+    """Return the goals of the test part with their right sets, and the columns that count them.
+
+    Raises:
+        ConfigError: if the split has no test part.
+    """
     graph, split = model.opened.graph, model.opened.split
     rows = rows_of_sets(graph, split.is_in("test"))
     if not len(rows):
@@ -264,8 +269,10 @@ def _test_goals(model: Model, scorer: SetScorer) -> _Goals:
         column: is_in_column for column, is_in_column in columns.items() if is_in_column.any()
     }
     labels = [graph.entities[goal] for goal in ids]
-    every = _sets_of_goals(graph.entities, rows_of_sets(graph, slice(None))).values()
-    has_repeats = any(len(set(labels)) < len(labels) for sets in every for labels in sets)
+    all_sets = _sets_of_goals(graph.entities, rows_of_sets(graph, slice(None))).values()
+    has_repeats = any(
+        len(set(ingredients)) < len(ingredients) for sets in all_sets for ingredients in sets
+    )
     return _Goals(ids, labels, right, train_sets_by_goal, columns, has_repeats)
 
 

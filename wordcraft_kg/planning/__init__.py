@@ -1,1 +1,4 @@
-"""Planning: search for the most probable way to the goal with learned recipes."""
+"""Planning: search for the most probable way to the goal with learned recipes.
+
+Read ``search`` first, for pairs; ``source`` gives its plans to agents and players as the source p.
+"""

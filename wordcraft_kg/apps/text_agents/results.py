@@ -302,12 +302,12 @@ def play_all(
                 )
             del missing[key]
 
-        def finished(game: tuple[int, int]) -> GameRecord:
-            talk = play.begin(*game)
-            converse(talk, player.speaker(talk))
-            return record_of(talk, game[1])
+        def play_game(task_and_seed: tuple[int, int]) -> GameRecord:
+            conversation = play.begin(*task_and_seed)
+            converse(conversation, player.speaker(conversation))
+            return record_of(conversation, task_and_seed[1])
 
-        for record in _in_turn(finished, list(missing), parallel):
+        for record in _in_turn(play_game, list(missing), parallel):
             played.append(record)
             append_game(path, record)
     return played

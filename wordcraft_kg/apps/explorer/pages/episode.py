@@ -133,22 +133,23 @@ class EpisodeView(Record):
 
 
 def _view(explored: Explored, state: EpisodeState) -> EpisodeView:
-    first, run = explored.followed(state.run)
-    tasks = explored.tasks_of(run)
+    """Return the page: a task of the main agent's world, and what each agent does at its table."""
+    main_name, main_run = explored.followed(state.run)
+    tasks = explored.tasks_of(main_run)
     distractors = None if state.distractors < 0 else state.distractors
     # All agents act by the rules of one world, that of the first agent.
     world = explored.world_of(explored.settings_of(tasks, state.part, state.depth, distractors))
     # A dict, so that a run that is given twice is shown once.
-    other_runs = dict(explored.followed(followed) for followed in state.other if followed)
+    other_runs = dict(explored.followed(name) for name in state.other if name)
     whole("task", state.task, 0, len(world.tasks) - 1)
     task = world.tasks[state.task]
-    explained = _explained(run, world, state)
-    agents = [_agent(first, run, explained)]
-    for name, followed in other_runs.items():
-        if name != first:
+    explained = _explained(main_run, world, state)
+    agents = [_agent(main_name, main_run, explained)]
+    for name, run in other_runs.items():
+        if name != main_name:
             # A problem of another agent does not keep the first from acting.
             try:
-                agents.append(_agent(name, followed, _explained(followed, world, state)))
+                agents.append(_agent(name, run, _explained(run, world, state)))
             except (ArtefactError, ConfigError) as error:
                 agents.append(
                     AgentAtTable(
@@ -156,7 +157,7 @@ def _view(explored: Explored, state: EpisodeState) -> EpisodeView:
                     )
                 )
     steps = sum(len(agent.explained.episode.steps) for agent in agents if agent.explained)
-    terminations = _terminations(run, world, state.task)
+    terminations = _terminations(main_run, world, state.task)
     return EpisodeView(
         runs=tuple(explored.runs),
         distractor_seeds=max(LISTED_SEEDS, len(terminations)),

@@ -87,13 +87,6 @@ def test_the_command_writes_the_file_and_names_it(run, tmp_path):
     assert path.is_file()
 
 
-def test_options_of_tasks_are_refused_for_the_page(run, tmp_path):
-    outcome = run("play", "kitchen", "--export", tmp_path / "game.html", "--depth", "2")
-    assert outcome.code == 1
-    assert "--browser and --export have their own tasks" in outcome.err
-    assert not any(tmp_path.iterdir())
-
-
 def test_icons_come_from_a_column_named_emoji(tmp_path):
     path = tmp_path / "book.csv"
     path.write_text(
@@ -124,9 +117,3 @@ def test_a_file_that_exists_is_replaced_only_by_force(run, tmp_path):
     assert page.read_text() == "mine"
     assert run("play", book, "--export", page, "--force").code == 0
     assert book_on(page.read_text("utf-8"))["labels"]
-
-
-def test_a_port_without_a_server_is_refused(run):
-    outcome = run("play", "kitchen", "--port", "9000")
-    assert outcome.code == 1
-    assert "--host and --port are for a server; add --browser" in outcome.err

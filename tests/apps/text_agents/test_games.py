@@ -255,11 +255,6 @@ def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games, kitche
         knowledge.facts(entity, train)
 
 
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / "games.jsonl"
-
-
 BOOK = "examples/kitchen-sets.csv"
 TABLE = ("water", "earth", "fire", "egg", "salt and pepper", "2")
 

@@ -453,10 +453,3 @@ def test_bad_options_are_refused_before_anything_is_served(run, tmp_path):
             assert (outcome.code, outcome.setting, fragment in outcome.err) == (1, setting, True), (
                 options
             )
-
-
-def test_without_its_package_the_command_names_the_extra(run, uninstalled):
-    uninstalled("mcp")
-    outcome = run("mcp", "kitchen")
-    assert (outcome.code, outcome.kind) == (1, "MissingExtraError")
-    assert "pip install 'mcp<3" in outcome.err

@@ -4,6 +4,7 @@ import json
 import pickle
 from dataclasses import replace
 
+import graph_oracles as oracles
 import numpy as np
 import pytest
 from graph_strategies import graphs_of_sets
@@ -11,7 +12,6 @@ from hypothesis import given
 
 from wordcraft_kg.base.errors import GraphError, RecipeFileError, SplitError
 from wordcraft_kg.graphs import (
-    RELATIONS,
     Recipe,
     RecipeBook,
     RecipeGraph,
@@ -141,13 +141,9 @@ def test_a_single_ingredient_is_refused_in_a_book_of_pairs_unless_its_meaning_is
     assert Recipe.of("ore", "ore", "iron") in read_book(path, single_ingredient="self").recipes
     graph = RecipeGraph.from_book(alone)
     assert graph.labels(graph.results("ore")) == ("iron",)
-    assert ("ore", "combinesWith") not in {triple[:2] for triple in labelled(graph)}
-
-
-def labelled(graph):
-    heads, relations, tails = graph.triples.T.tolist()
-    names = [RELATIONS[relation] for relation in relations]
-    return set(zip(graph.labels(heads), names, graph.labels(tails), strict=True))
+    assert ("ore", "combinesWith") not in {
+        triple[:2] for triple in oracles.labelled(graph, graph.triples)
+    }
 
 
 @pytest.mark.parametrize("kind", ["by-recipe-plain", "by-goal", "by-slot", "by-kind"])

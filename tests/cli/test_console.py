@@ -9,6 +9,7 @@ import shlex
 import subprocess
 import sys
 import tempfile
+from pathlib import Path
 
 import pytest
 from helpers import in_file, write_graph
@@ -467,7 +468,8 @@ def empty(home, trained, world, monkeypatch):
     """Work in an empty folder; return the words of a command line."""
     (home / "empty").mkdir()
     monkeypatch.chdir(home / "empty")
-    places = {"trained": trained, "world": world}
+    sets = Path(__file__).parents[2] / "examples" / "kitchen-sets.csv"
+    places = {"trained": trained, "world": world, "sets": sets}
     places["huge"] = in_file("train-agent", unroll=2**24, batch_size=2**24)[1]
     return lambda line: [word.format(**places) for word in shlex.split(line)]
 
@@ -511,6 +513,7 @@ REFUSED = [
     ("compare {trained}/graph", "is a graph folder"),
     ("discover kitchen --players recipe-learner", "needs a --scorer"),
     ("discover kitchen --scorer nowhere", "nowhere"),
+    ("discover {sets}", "-> pesto has 6 ingredients; the open-ended world"),
     ("discover everyday --scorer {trained}/one", "expected a model from train-recipes"),
     ("train-agent kitchen --scorer nowhere", "does not exist"),
     ("train-agent paper-examples --scorer {trained}/one", "was trained on graph"),

@@ -48,11 +48,6 @@ def test_a_scorer_adds_a_player_and_another_base_is_where_play_begins(printed, r
     )
 
 
-def test_a_link_predictor_guides_no_player(refused, trained):
-    says = "expected a model from train-recipes"
-    refused("discover", "kitchen", *QUICK, "--scorer", trained / "one", says=says)
-
-
 def test_a_single_run_has_no_interval(printed, run):
     values = printed("discover", "kitchen", "--runs", 1, "--players", "random-no-repeat")
     assert values["players"]["random-no-repeat"]["100"]["low"] is None

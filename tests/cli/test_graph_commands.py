@@ -630,9 +630,3 @@ def test_sets_are_built_described_exported_trained_on_and_ranked(run, folder, tm
     ranked = json.loads(text_of("evaluate-links", model, "--json", "--quiet"))
     assert ranked["checks_passed"] is False  # by-recipe-plain covers not all entities
     assert set(ranked["baselines"]) == {"frequency", "votes", "neighbours", "random"}
-
-
-def test_open_ended_play_refuses_sets_with_one_line(run, folder):
-    outcome = run("discover", folder)
-    assert outcome.code == 1
-    assert "-> pesto has 6 ingredients; the open-ended world" in outcome.err

@@ -112,13 +112,11 @@ def test_commands_take_plugins_before_and_after_their_name(run, folder, tmp_path
 
 
 @pytest.mark.parametrize("where", ["before", "after"])
-def test_without_its_plugin_a_command_says_which_one_is_needed(run, folder, where):
+def test_without_its_plugin_a_command_says_which_one_is_needed(refused, folder, where):
     words = ["explain", folder]
     other = ["--plugin", FILES["haste"]]
-    failed = run(*(other + words if where == "before" else words + other))
-    assert (failed.code, failed.out) == (1, "")
-    assert "needs the plugin 'network.py'" in failed.err
-    assert "Traceback" not in failed.err
+    command = other + words if where == "before" else words + other
+    refused(*command, says="needs the plugin 'network.py'")
 
 
 @pytest.mark.parametrize(
@@ -144,14 +142,11 @@ def test_without_its_plugin_a_command_says_which_one_is_needed(run, folder, wher
         (None, "no such file"),
     ],
 )
-def test_a_faulty_plugin_is_refused_without_a_traceback(run, tmp_path, text, says):
+def test_a_faulty_plugin_is_refused_without_a_traceback(refused, tmp_path, text, says):
     file = tmp_path / "mine.py"
     if text is not None:
         file.write_text(text)
-    failed = run("books", "--plugin", file)
-    assert (failed.code, failed.out) == (1, "")
-    assert says in failed.err
-    assert "Traceback" not in failed.err
+    refused("books", "--plugin", file, says=says)
 
 
 NETWORK = """
@@ -209,16 +204,13 @@ def mine(labels):
         ("use", "['a']", "expected (80, 80), by goal and entity"),
     ],
 )
-def test_a_part_that_returns_something_else_is_refused(run, tmp_path, setting, result, says):
+def test_a_part_that_returns_something_else_is_refused(refused, tmp_path, setting, result, says):
     file = tmp_path / "mine.py"
     file.write_text(FAULTS[setting].format(result=result))
     command = ["train-agent", "kitchen", "--steps", 64, f"--{setting}", "mine"]
     if setting == "split":
         command = ["build-graph", "kitchen", "--split", "mine"]
-    failed = run(*command, "--out", tmp_path / "out", "--plugin", file)
-    assert (failed.code, failed.out) == (1, "")
-    assert says in failed.err
-    assert "Traceback" not in failed.err
+    refused(*command, "--out", tmp_path / "out", "--plugin", file, says=says)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from helpers import write_graph
 from quick import QUICK, contents, text_of
 
 from wordcraft_kg.graphs import SplitConfig, make_split, open_graph, read_book
@@ -58,13 +57,6 @@ def book(home):
         return path
 
     return write
-
-
-@pytest.fixture(scope="module")
-def kitchen_folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("graphs") / "kitchen"
-    write_graph(folder)
-    return folder
 
 
 @pytest.fixture

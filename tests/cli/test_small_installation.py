@@ -169,12 +169,10 @@ def test_constraints_and_lock_file_pin_all_dependencies():
     ],
 )
 def test_without_the_packages_of_an_app_its_command_names_the_extra(
-    run, uninstalled, package, command, says
+    refused, uninstalled, package, command, says
 ):
     uninstalled(package)
-    outcome = run(*command.split())
-    assert (outcome.code, outcome.kind) == (1, "MissingExtraError")
-    assert says in outcome.err
+    refused(*command.split(), says=says, kind="MissingExtraError")
 
 
 @pytest.fixture

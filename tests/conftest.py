@@ -2,6 +2,7 @@
 trained folders."""
 
 import gc
+import json
 import logging
 import os
 import signal
@@ -219,6 +220,20 @@ def refused(run):
         return outcome.err
 
     return refused
+
+
+@pytest.fixture
+def put(tmp_path):
+    """Write a text, bytes, or values as JSON into a file of the test, and return its path."""
+
+    def put(content, name="book.csv"):
+        path = tmp_path / name
+        if not isinstance(content, str | bytes):
+            content = json.dumps(content, ensure_ascii=False)
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        return path
+
+    return put
 
 
 @pytest.fixture

@@ -86,9 +86,8 @@ def test_a_run_records_its_plugins_and_opens_with_them_alone(folder, tmp_path):
     assert Explored.open(str(tmp_path / "graph"), runs=[folder]).runs
 
 
-def test_a_changed_plugin_is_refused_with_both_hashes(folder, tmp_path):
-    changed = tmp_path / "network.py"
-    changed.write_text(FILES["network"].read_text() + "\n# changed\n")
+def test_a_changed_plugin_is_refused_with_both_hashes(folder, put):
+    changed = put(FILES["network"].read_text() + "\n# changed\n", "network.py")
     load_plugin(changed)
     with pytest.raises(
         NotRegisteredError, match=f"{sha256_of(FILES['network'])}.*{sha256_of(changed)}"
@@ -204,9 +203,10 @@ def mine(labels):
         ("use", "['a']", "expected (80, 80), by goal and entity"),
     ],
 )
-def test_a_part_that_returns_something_else_is_refused(refused, tmp_path, setting, result, says):
-    file = tmp_path / "mine.py"
-    file.write_text(FAULTS[setting].format(result=result))
+def test_a_part_that_returns_something_else_is_refused(
+    refused, put, tmp_path, setting, result, says
+):
+    file = put(FAULTS[setting].format(result=result), "mine.py")
     command = ["train-agent", "kitchen", "--steps", 64, f"--{setting}", "mine"]
     if setting == "split":
         command = ["build-graph", "kitchen", "--split", "mine"]
@@ -223,18 +223,16 @@ def test_a_part_that_returns_something_else_is_refused(refused, tmp_path, settin
         ("del self.layer", "logits, value[:, 0]", "a module of torch with parameters"),
     ],
 )
-def test_a_network_of_another_form_is_refused(tmp_path, extra, result, says):
-    file = tmp_path / "mine.py"
-    file.write_text(NETWORK.format(extra=extra, result=result))
+def test_a_network_of_another_form_is_refused(put, extra, result, says):
+    file = put(NETWORK.format(extra=extra, result=result), "mine.py")
     load_plugin(file)
     graph = open_graph("kitchen").graph
     with pytest.raises(ConfigError, match=says):
         make_policy(PolicyConfig("mine"), graph, 2)[0].act("bread", ["flour", "water"])
 
 
-def test_tensors_of_a_network_that_are_no_buffers_survive_its_folder(tmp_path):
-    file = tmp_path / "mine.py"
-    file.write_text(NETWORK.format(extra="", result="logits, value[:, 0]"))
+def test_tensors_of_a_network_that_are_no_buffers_survive_its_folder(put, tmp_path):
+    file = put(NETWORK.format(extra="", result="logits, value[:, 0]"), "mine.py")
     load_plugin(file)
     policy, _ = make_policy(PolicyConfig("mine"), open_graph("kitchen").graph, 2)
     copy = load_policy(save_policy(tmp_path / "copy", policy))
@@ -249,9 +247,8 @@ def test_files_of_one_name_are_refused_because_records_could_not_tell_them_apart
         load_plugin(tmp_path / "haste.py")
 
 
-def test_a_worker_refuses_a_plugin_that_was_changed_meanwhile(tmp_path, forget_plugins):
-    file = tmp_path / "mine.py"
-    file.write_text("")
+def test_a_worker_refuses_a_plugin_that_was_changed_meanwhile(put, forget_plugins):
+    file = put("", "mine.py")
     plugin = load_plugin(file)
     forget_plugins()
     registry.load_again([plugin])
@@ -260,9 +257,8 @@ def test_a_worker_refuses_a_plugin_that_was_changed_meanwhile(tmp_path, forget_p
         registry.load_again([plugin])
 
 
-def test_nothing_that_a_stranger_gives_loads_a_plugin(run, folder, tmp_path):
-    evil = tmp_path / "evil.py"
-    evil.write_text(f"open({str(tmp_path / 'ran')!r}, 'w')\n")
+def test_nothing_that_a_stranger_gives_loads_a_plugin(run, folder, put, tmp_path):
+    evil = put(f"open({str(tmp_path / 'ran')!r}, 'w')\n", "evil.py")
     (tmp_path / "c.toml").write_text(f"[explain]\nplugin = {json.dumps(str(evil))}\n")
     failed = run("explain", folder, "--config", tmp_path / "c.toml")
     assert (failed.code, "names no program to run" in failed.err) == (1, True)
@@ -298,7 +294,7 @@ def test_a_corrected_file_takes_the_place_of_the_earlier_one(tmp_path):
     assert set(rewards) == {3.0}
 
 
-def test_a_study_knows_the_content_of_a_plugin(tmp_path, monkeypatch):
+def test_a_study_knows_the_content_of_a_plugin(monkeypatch):
     load_plugin(FILES["haste"])
     values = {"book": "kitchen", "steps": 64, "reward": "haste"}
     study = Study("An own reward", {"a": {}}, seeds=1, settings=values)
@@ -336,11 +332,11 @@ def test_one_hot_vectors_of_a_network_that_do_not_fit_are_refused(monkeypatch):
 
 
 @pytest.mark.slow
-def test_workers_of_a_study_load_the_plugins(run, tmp_path):
-    study = tmp_path / "study.toml"
-    study.write_text(
+def test_workers_of_a_study_load_the_plugins(run, put, tmp_path):
+    study = put(
         "title = 'Own'\nseeds = 1\n[settings]\nbook = 'kitchen'\nsteps = 256\n"
-        "[variants.theirs]\n[variants.mine]\npolicy = 'bilinear'\nreward = 'haste'\n"
+        "[variants.theirs]\n[variants.mine]\npolicy = 'bilinear'\nreward = 'haste'\n",
+        "study.toml",
     )
     options = [word for file in FILES.values() for word in ("--plugin", file)]
     done = run("reproduce", study, *options, "--jobs", 2, "--out", tmp_path / "results", "--json")

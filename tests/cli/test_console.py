@@ -154,7 +154,7 @@ def test_every_help_has_usage_examples_and_at_most_thirty_options(run):
     assert forced >= {"build-graph", "train-agent", "compare", "score", "export"}
 
 
-def test_options_of_the_file_are_refused_on_the_command_line(run, refused, tmp_path):
+def test_options_of_the_file_are_refused_on_the_command_line(run, refused):
     refused(
         "train-agent", "kitchen", "--momentum", "0.5", says="`momentum = ...` below [train-agent]"
     )
@@ -192,10 +192,9 @@ def test_tables_have_aligned_columns_and_no_empty_ones(rows, numbers, lines):
     assert aligned(rows, numbers=numbers) == lines
 
 
-def test_a_file_sets_the_options_of_its_own_command_line_alone(refused, tmp_path):
+def test_a_file_sets_the_options_of_its_own_command_line_alone(refused, put):
     """The application is kept between command lines; the last file's options must not stay."""
-    config = tmp_path / "odd.toml"
-    config.write_text("[describe]\nseed = 1.5\n")
+    config = put("[describe]\nseed = 1.5\n", "odd.toml")
     refused("describe", "kitchen", "--config", config, says="unable to convert", code=2)
     _, bound, _ = make_app().parse_args(["describe", "kitchen"], exit_on_error=False)
     assert "seed" not in bound.arguments

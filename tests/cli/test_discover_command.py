@@ -55,11 +55,11 @@ def test_a_single_run_has_no_interval(printed, run):
     assert "[" not in text.split("people")[0].split("\n", 2)[2]
 
 
-def test_a_scorer_of_another_book_explores(printed, recipes_folder, tmp_path, refused):
-    book = tmp_path / "other.csv"
-    book.write_text(
+def test_a_scorer_of_another_book_explores(printed, recipes_folder, put, refused):
+    book = put(
         "ingredient_a,ingredient_b,result\nseed,water,weed\nweed,water,weed "
-        "wine\nfire,water,steam\n"
+        "wine\nfire,water,steam\n",
+        "other.csv",
     )
     start = ("discover", book, "--base", "seed,water,fire", "--scorer", recipes_folder)
     unseen = printed(*start, *QUICK)

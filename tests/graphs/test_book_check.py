@@ -27,11 +27,10 @@ HEADER = "ingredient_a,ingredient_b,result\n"
 
 
 @pytest.fixture
-def check(tmp_path):
+def check(put):
     def check(text, name="book.csv", **options):
-        path = tmp_path / name
-        data = text if isinstance(text, bytes) else text.encode()
-        path.write_bytes(data)
+        path = put(text, name)
+        data = path.read_bytes()
         checked = check_book(path, **options)
         assert path.read_bytes() == data
         return checked

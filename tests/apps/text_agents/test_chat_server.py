@@ -2,9 +2,6 @@
 
 import json
 import re
-import threading
-from collections import Counter
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
@@ -12,46 +9,6 @@ from wordcraft_kg.apps.text_agents.chat_server import ChatServer
 from wordcraft_kg.base.errors import ConfigError, PlayerError
 
 KEY = "sk-a-secret-of-mine"
-
-
-@pytest.fixture
-def serve():
-    """Return a function that starts a server: from the number of a request to status and reply."""
-    servers = []
-
-    def start(reply, seen=None):
-        counts = Counter()
-        lock = threading.Lock()
-
-        class Handler(BaseHTTPRequestHandler):
-            def do_POST(self):
-                body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-                with lock:
-                    counts["requests"] += 1
-                    number = counts["requests"]
-                if seen is not None:
-                    seen.append((dict(self.headers), body))
-                status, content, *more = reply(number, body)
-                data = content if isinstance(content, bytes) else json.dumps(content).encode()
-                self.send_response(status)
-                for name, value in more:
-                    self.send_header(name, value)
-                self.send_header("Content-Length", str(len(data)))
-                self.end_headers()
-                self.wfile.write(data)
-
-            def log_message(self, *_):
-                pass
-
-        server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        servers.append(server)
-        return f"http://127.0.0.1:{server.server_port}/v1"
-
-    yield start
-    for server in servers:
-        server.shutdown()
-        server.server_close()
 
 
 def said(text, **more):

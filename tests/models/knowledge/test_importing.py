@@ -329,9 +329,8 @@ dough,makes,bread,1
     ],
 )
 @pytest.mark.parametrize("pack", [bytes, gzip.compress])
-def test_triples_are_read_from_tables_with_tabs_or_commas(tmp_path, text, pack):
-    path = tmp_path / "t.data"
-    path.write_bytes(pack(text.encode()))
+def test_triples_are_read_from_tables_with_tabs_or_commas(put, text, pack):
+    path = put(pack(text.encode()), "t.data")
     network = read_triples(path)
     names = {text for text, nodes in network.spellings.items() if nodes}
     edges = {

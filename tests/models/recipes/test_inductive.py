@@ -81,10 +81,9 @@ def test_without_outside_knowledge_there_is_no_table_of_all_pairs(folder, scorer
 
 
 def test_links_by_outside_knowledge_are_means_over_the_nearest_words(
-    opened_kitchen, vectors, tmp_path
+    opened_kitchen, vectors, put, tmp_path
 ):
-    book = tmp_path / "other.csv"
-    book.write_text("a,b,result\nbread,tomato,bruschetta\nflour,butter,shortbread\n")
+    book = put("a,b,result\nbread,tomato,bruschetta\nflour,butter,shortbread\n", "other.csv")
     settings = RecipeScorerConfig(kg="full", folds=2, features=str(vectors), with_=(str(book),))
     config = RecipesConfig(opened_kitchen.source, settings)
     folder = train_recipes(config, tmp_path / "model").folder

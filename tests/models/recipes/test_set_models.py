@@ -402,9 +402,8 @@ def test_settings_of_models_of_pairs_are_refused(letters, tmp_path, setting):
         ("label,part,amount\nbx,a,1\n", "1 label of 1 without parts, such as 'ax'"),
     ],
 )
-def test_a_wrong_table_of_parts_is_refused_with_its_fault(tmp_path, text, fault):
-    path = tmp_path / "parts.csv"
-    path.write_text(text)
+def test_a_wrong_table_of_parts_is_refused_with_its_fault(put, text, fault):
+    path = put(text, "parts.csv")
     with pytest.raises(ConfigError, match=fault):
         read_parts(str(path), ["ax"])
 
@@ -490,9 +489,8 @@ def test_a_model_of_the_full_graph_shows_memory_not_prediction(run, letters, tmp
 
 
 @pytest.mark.parametrize("text", ["[]", "{", '{"a": [1]}', '{"a": ["b"]}'])
-def test_a_file_without_predictions_is_refused(tmp_path, text):
-    path = tmp_path / "wrong.json"
-    path.write_text(text)
+def test_a_file_without_predictions_is_refused(put, text):
+    path = put(text, "wrong.json")
     with pytest.raises(ConfigError, match="no predictions"):
         read_predictions(path)
 

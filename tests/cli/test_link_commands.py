@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers import frozen, in_file
 from pykeen.pipeline import pipeline
-from quick import QUICK, TINY, same, text_of
+from quick import QUICK, TINY, text_of
 
 from wordcraft_kg import from_pykeen, save_scorer
 from wordcraft_kg.graphs import RELATIONS, Split, open_graph
@@ -69,13 +69,6 @@ def test_models_go_to_a_folder_of_their_own_by_default(run, tmp_path, monkeypatc
         "kitchen-distmult-partial",
         "kitchen-full",
     ]
-
-
-def test_a_models_own_config_file_trains_the_same_model_again(run, trained, tmp_path):
-    options = ("--config", trained / "one" / "config.toml", "--out", tmp_path / "again", "--quiet")
-    assert run("train-complex", trained / "graph", *options).code == 0
-    for name in (WEIGHTS, "vocabulary.json"):
-        assert same(name, tmp_path / "again", trained / "one")
 
 
 @pytest.mark.parametrize(

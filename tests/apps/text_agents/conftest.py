@@ -5,7 +5,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from wordcraft_kg import WordCraftConfig, World, open_graph
+from wordcraft_kg import WordCraftConfig, World
 from wordcraft_kg.apps.text_agents.games import TaskGames
 
 
@@ -66,10 +66,5 @@ def chat_server(serve):
 
 
 @pytest.fixture(scope="session")
-def kitchen():
-    return open_graph("kitchen")
-
-
-@pytest.fixture(scope="session")
-def games(kitchen):
-    return TaskGames(World(kitchen, WordCraftConfig(part="test", num_distractors=3)))
+def games(opened_kitchen):
+    return TaskGames(World(opened_kitchen, WordCraftConfig(part="test", num_distractors=3)))

@@ -106,19 +106,19 @@ def total(log, name):
 
 @pytest.mark.slow
 def test_the_first_prompt_opens_and_the_target_stays_in_the_log(
-    kitchen,
+    opened_kitchen,
 ):
     """The first prompt is the opening of the conversation and the target stays in the log."""
     sample = crafting("kitchen", tasks=3, distractor_seeds=2).dataset[1]
     assert (sample.id, sample.target) == (
         "test-21-0",
-        World(kitchen, WordCraftConfig(part="test")).tasks[21].goal,
+        World(opened_kitchen, WordCraftConfig(part="test")).tasks[21].goal,
     )
     system, user = sample.input
     assert (system.role, user.role) == ("system", "user")
     assert system.text.startswith("This is a crafting game.")
     assert user.text.startswith(f"Goal: {sample.target}\nTable: 1 ")
-    assert sample.metadata["graph_hash"] == kitchen.graph.hash
+    assert sample.metadata["graph_hash"] == opened_kitchen.graph.hash
 
 
 @pytest.mark.slow

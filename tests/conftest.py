@@ -2,6 +2,7 @@
 trained folders."""
 
 import gc
+import json
 import logging
 import os
 import signal
@@ -205,6 +206,37 @@ def run(capsys, monkeypatch):
 
 
 @pytest.fixture
+def refused(run):
+    """Run a command that is refused without a result or a traceback, and return the error."""
+
+    def refused(*command, says=(), kind=None, setting=None, code=1):
+        outcome = run(*command)
+        assert (outcome.code, outcome.out) == (code, "")
+        assert kind in (None, outcome.kind)
+        assert setting in (None, outcome.setting)
+        assert "Traceback" not in outcome.err
+        for part in [says] if isinstance(says, str) else says:
+            assert part in outcome.err
+        return outcome.err
+
+    return refused
+
+
+@pytest.fixture
+def put(tmp_path):
+    """Write a text, bytes, or values as JSON into a file of the test, and return its path."""
+
+    def put(content, name="book.csv"):
+        path = tmp_path / name
+        if not isinstance(content, str | bytes):
+            content = json.dumps(content, ensure_ascii=False)
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        return path
+
+    return put
+
+
+@pytest.fixture
 def home(tmp_path, monkeypatch):
     """Give the test an empty cache of its own and no data folder."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
@@ -266,6 +298,12 @@ def made_once(tmp_path_factory):
         return folder
 
     return made_once
+
+
+@pytest.fixture(scope="session")
+def kitchen_folder(made_once):
+    """The graph folder of the kitchen with its default split; read only."""
+    return made_once("default/kitchen", write_graph)
 
 
 @pytest.fixture(scope="session")

@@ -59,6 +59,11 @@ def write_graph(folder, book="kitchen", **split):
     return folder
 
 
+def lines_of(path):
+    """Return the values of a file of JSON lines."""
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
 @contextmanager
 def refuses(setting, error=ConfigError):
     """Expect an error of exactly this class about this setting."""

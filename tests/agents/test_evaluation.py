@@ -9,7 +9,7 @@ import torch
 
 from wordcraft_kg import PolicyConfig, WordCraftConfig, World
 from wordcraft_kg.agents import evaluation
-from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer, play_all, player_of
+from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer, player_of
 from wordcraft_kg.agents.players import random_entity, recipe_oracle
 from wordcraft_kg.agents.records import TERMINATION_REASONS
 from wordcraft_kg.agents.states import states_of
@@ -265,8 +265,6 @@ def test_a_number_that_is_no_slot_is_an_action_error(opened, slot):
     world = World(opened, WordCraftConfig(part="test"))
     with pytest.raises(ActionError, match=str(slot)):
         Evaluator(world, distractor_seeds=1, limit=5)(wrong)
-    with pytest.raises(ActionError, match=str(slot)):
-        play_all(world, {"wrong": wrong}, distractor_seeds=1, limit=5)
 
 
 def test_figures_are_means_over_tasks_and_draws(opened):

@@ -1,7 +1,6 @@
 """Explained actions: against evaluated episodes, against the formula in loops, and in several
 threads."""
 
-import math
 from functools import cache
 from itertools import combinations_with_replacement
 
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from helpers import refuses
+from slow_attention import SlowAttention, softmax
 
 from wordcraft_kg import (
     PolicyConfig,
@@ -154,45 +154,14 @@ def test_of_a_sample_of_the_tasks_the_tables_are_those_that_were_played(
     assert len(explainer.task(1).table) == len(world.tasks[1].start) + 4
 
 
-def product(weights, values, bias=None):
-    """W x + b in loops."""
-    rows = weights.double().tolist()
-    extra = bias.double().tolist() if bias is not None else [0.0] * len(rows)
-    return [
-        sum(w * x for w, x in zip(row, values, strict=True)) + more
-        for row, more in zip(rows, extra, strict=True)
-    ]
-
-
-def softmax(values):
-    exponents = [math.exp(value - max(values)) for value in values]
-    return [value / sum(exponents) for value in exponents]
-
-
-def head(module, state):
-    first, _, second = module
-    hidden = [max(value, 0.0) for value in product(first.weight, state, first.bias)]
-    return product(second.weight, hidden, second.bias)
-
-
 def by_loops(policy, goal, selection, table, values):
     """Logits, value and λ of a state from the paper's formulas, given the values of the sources."""
-    vectors = policy.vectors.vectors.double().tolist()
-    nothing = [0.0] * policy.vectors.dim
-    pair = vectors[goal] + (nothing if selection is None else vectors[selection])
-    query = product(policy.attention.query.weight, pair, policy.attention.query.bias)
-    keys = [product(policy.attention.key.weight, vectors[entity]) for entity in table]
-    alpha = [
-        sum(q * k for q, k in zip(query, key, strict=True)) / math.sqrt(len(query)) for key in keys
-    ]
-    columns = zip(*(vectors[entity] for entity in table), strict=True)
-    state = [sum(w * x for w, x in zip(softmax(alpha), column, strict=True)) for column in columns]
-    (value,) = head(policy.value, state)
+    slow = SlowAttention(policy)
+    alpha = slow.alpha(goal, policy.num_entities if selection is None else selection, table)
+    (value,) = slow.head("value", alpha, table)
     if not values:
         return alpha, value, []
-    lambdas = head(policy.mixture, state)
-    if policy.config.mixing == "softmax":
-        lambdas = softmax(lambdas)
+    lambdas = slow.lambdas(alpha, table)
     terms = list(values.values()) if policy.config.kg_only else [alpha, *values.values()]
     logits = [
         sum(weight * term[i] for weight, term in zip(lambdas, terms, strict=True))

@@ -377,24 +377,16 @@ def test_an_entity_whose_probability_is_rounded_to_zero_is_never_picked(trainer,
     torch.testing.assert_close(log_probs, torch.full((5,), math.log(0.5)))
 
 
-def test_the_environments_of_a_batch_see_different_tasks(opened, trainer):
-    """In the released code all actors see the same tasks; here n environments draw n streams, by
-    one seed."""
-
-    def streams(env_seed):
-        impala = trainer(batch_size=16, env_seed=env_seed)
-        goals = []
-        for _ in range(10):
-            impala.update()
-            goals.append(impala._unroll.states.goal[0].clone())
-        return torch.stack(goals, dim=1)
-
-    one, same, other = (streams(seed) for seed in (3, 3, 4))
-    assert len({tuple(row) for row in one.tolist()}) == 16
-    for goals in one.T:  # at any time most of them have a goal of their own
-        assert len(goals.unique()) > 8
-    assert torch.equal(one, same)
-    assert not torch.equal(one, other)
+def test_the_environments_of_a_batch_see_different_tasks(trainer):
+    """In the released code all actors see the same tasks; here n environments draw n streams."""
+    impala = trainer(batch_size=16)
+    goals = []
+    for _ in range(10):
+        impala.update()
+        goals.append(impala._unroll.states.goal[0].clone())
+        # At any time most of them have a goal of their own.
+        assert len(goals[-1].unique()) > 8
+    assert len({tuple(row) for row in torch.stack(goals, dim=1).tolist()}) == 16
 
 
 def test_the_same_seeds_give_the_same_parameters_and_others_others(trainer):

@@ -11,7 +11,7 @@ from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_suppo
 
 from wordcraft_kg import WordCraftConfig, World
 from wordcraft_kg.agents.sb3 import SB3VecEnv
-from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
+from wordcraft_kg.base.errors import ActionError, EpisodeError
 from wordcraft_kg.envs.vector import WordCraftVectorEnv
 from wordcraft_kg.envs.wrappers import TaskObservation
 
@@ -116,8 +116,6 @@ def test_mistakes_are_refused(world):
         env.set_attr("num_envs", 7)
     with pytest.raises(IndexError):
         env.env_method("action_masks", indices=[SIZE])
-    with pytest.raises(ConfigError, match="num_envs"):
-        SB3VecEnv(0, world)
     assert not env.has_attr("unicorn")
     assert env.env_is_wrapped(TaskObservation) == [False] * SIZE
     env.close()

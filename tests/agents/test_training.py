@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 import pytest
 import torch
-from helpers import resume, split_of, with_other_results, write_graph, write_opened
+from helpers import lines_of, resume, split_of, with_other_results, write_graph, write_opened
 from safetensors.torch import load_file
 from short_fits import short_fits
 
@@ -69,10 +69,6 @@ def interrupted(config, tmp_path, monkeypatch):
     return interrupted
 
 
-def lines_of(path):
-    return [json.loads(line) for line in path.read_text().splitlines()]
-
-
 def assert_same_training(one, other):
     """The same weights, and the same metrics except those that depend on the clock."""
     metrics = []
@@ -117,7 +113,7 @@ def test_a_run_folder_holds_what_its_description_says(opened, done):
     assert (summary.steps, summary.success["test"].mean) == (1_600, rows[-1]["test_success"])
 
 
-def test_the_differing_settings_are_those_that_were_changed(config, done, tmp_path):
+def test_the_differing_settings_are_those_that_were_changed(config, done):
     changed = {
         "graph",
         "distractors",
@@ -236,11 +232,10 @@ SELF_PAIRS = "a,a,c\nb,b,d\na,b,e\n"
     [(SELF_PAIRS, "observed", True), (SELF_PAIRS, "keep", False), ("a,b,c\n", "observed", False)],
 )
 def test_self_pairs_with_observed_self_edges_give_a_warning(
-    config, tmp_path, caplog, pairs, self_edges, warns
+    config, put, caplog, pairs, self_edges, warns
 ):
     """A book of self pairs is warned about where only observed self edges are kept."""
-    book = tmp_path / "book.csv"
-    book.write_text("ingredient_a,ingredient_b,result\n" + pairs, encoding="utf-8")
+    book = put("ingredient_a,ingredient_b,result\n" + pairs)
     config = replace(config, scorer="models/mine", policy=PolicyConfig(self_edges=self_edges))
     _warn_of_self_pairs(open_graph(book).graph, config)
     assert ("67 % of pairs in book combine an entity with itself" in caplog.text) == warns

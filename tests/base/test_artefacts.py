@@ -346,9 +346,8 @@ def test_damaged_or_large_gzip_data_is_refused(data, message):
 
 
 @pytest.mark.parametrize("pack", [bytes, gzip.compress])
-def test_lines_come_with_their_numbers_without_a_byte_order_mark(tmp_path, pack):
-    path = tmp_path / "lines"
-    path.write_bytes(pack(b"\xef\xbb\xbffirst\n\nlast"))
+def test_lines_come_with_their_numbers_without_a_byte_order_mark(put, pack):
+    path = put(pack(b"\xef\xbb\xbffirst\n\nlast"), "lines")
     assert list(read_lines(path)) == [(1, b"first\n"), (2, b"\n"), (3, b"last")]
 
 

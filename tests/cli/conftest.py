@@ -1,5 +1,4 @@
-"""Commands that are expected to print values, or to be refused, and trained folders that all files
-here share."""
+"""Commands that are expected to print values, and trained folders that all files here share."""
 
 import json
 
@@ -67,20 +66,3 @@ def printed(run):
         return json.loads(outcome.out)
 
     return printed
-
-
-@pytest.fixture
-def refused(run):
-    """Run a command that is refused without a result or a traceback, and return the error."""
-
-    def refused(*command, says=(), kind=None, setting=None, code=1):
-        outcome = run(*command)
-        assert (outcome.code, outcome.out) == (code, "")
-        assert kind in (None, outcome.kind)
-        assert setting in (None, outcome.setting)
-        assert "Traceback" not in outcome.err
-        for part in [says] if isinstance(says, str) else says:
-            assert part in outcome.err
-        return outcome.err
-
-    return refused

@@ -1,6 +1,5 @@
 """The commands of agents as a user runs them: output, exit codes and bad input."""
 
-import json
 import shutil
 from pathlib import Path
 
@@ -163,18 +162,6 @@ BREWERY = (
 )
 
 
-@pytest.fixture
-def shown(run, home):
-    """Run ``tasks`` with ``--json``, and return its object."""
-
-    def shown(*arguments):
-        outcome = run("describe", *arguments, "--tasks", "--json")
-        assert (outcome.code, outcome.err) == (0, "")
-        return json.loads(outcome.out)
-
-    return shown
-
-
 def test_tasks_are_printed_with_their_table_and_plans(run, home):
     (home / "brewery.csv").write_text(BREWERY, encoding="utf-8")
     outcome = run(
@@ -199,8 +186,9 @@ def test_tasks_are_printed_with_their_table_and_plans(run, home):
     assert plan.endswith("  barley + water -> malt; malt + yeast -> beer")
 
 
-def test_the_order_is_seeded_and_a_lower_limit_shows_the_first(shown):
-    values = shown("kitchen", "--limit", 8)
-    assert shown("kitchen", "--limit", 8) == values
-    assert shown("kitchen", "--limit", 5)["shown"] == values["shown"][:5]
-    assert shown("kitchen", "--limit", 8, "--seed", 1)["shown"] != values["shown"]
+def test_the_order_is_seeded_and_a_lower_limit_shows_the_first(printed):
+    command = ("describe", "kitchen", "--tasks", "--limit")
+    values = printed(*command, 8)
+    assert printed(*command, 8) == values
+    assert printed(*command, 5)["shown"] == values["shown"][:5]
+    assert printed(*command, 8, "--seed", 1)["shown"] != values["shown"]

@@ -9,6 +9,7 @@ import shlex
 import subprocess
 import sys
 import tempfile
+from pathlib import Path
 
 import pytest
 from helpers import in_file, write_graph
@@ -153,7 +154,7 @@ def test_every_help_has_usage_examples_and_at_most_thirty_options(run):
     assert forced >= {"build-graph", "train-agent", "compare", "score", "export"}
 
 
-def test_options_of_the_file_are_refused_on_the_command_line(run, refused, tmp_path):
+def test_options_of_the_file_are_refused_on_the_command_line(run, refused):
     refused(
         "train-agent", "kitchen", "--momentum", "0.5", says="`momentum = ...` below [train-agent]"
     )
@@ -191,10 +192,9 @@ def test_tables_have_aligned_columns_and_no_empty_ones(rows, numbers, lines):
     assert aligned(rows, numbers=numbers) == lines
 
 
-def test_a_file_sets_the_options_of_its_own_command_line_alone(refused, tmp_path):
+def test_a_file_sets_the_options_of_its_own_command_line_alone(refused, put):
     """The application is kept between command lines; the last file's options must not stay."""
-    config = tmp_path / "odd.toml"
-    config.write_text("[describe]\nseed = 1.5\n")
+    config = put("[describe]\nseed = 1.5\n", "odd.toml")
     refused("describe", "kitchen", "--config", config, says="unable to convert", code=2)
     _, bound, _ = make_app().parse_args(["describe", "kitchen"], exit_on_error=False)
     assert "seed" not in bound.arguments
@@ -467,7 +467,8 @@ def empty(home, trained, world, monkeypatch):
     """Work in an empty folder; return the words of a command line."""
     (home / "empty").mkdir()
     monkeypatch.chdir(home / "empty")
-    places = {"trained": trained, "world": world}
+    sets = Path(__file__).parents[2] / "examples" / "kitchen-sets.csv"
+    places = {"trained": trained, "world": world, "sets": sets}
     places["huge"] = in_file("train-agent", unroll=2**24, batch_size=2**24)[1]
     return lambda line: [word.format(**places) for word in shlex.split(line)]
 
@@ -511,6 +512,7 @@ REFUSED = [
     ("compare {trained}/graph", "is a graph folder"),
     ("discover kitchen --players recipe-learner", "needs a --scorer"),
     ("discover kitchen --scorer nowhere", "nowhere"),
+    ("discover {sets}", "-> pesto has 6 ingredients; the open-ended world"),
     ("discover everyday --scorer {trained}/one", "expected a model from train-recipes"),
     ("train-agent kitchen --scorer nowhere", "does not exist"),
     ("train-agent paper-examples --scorer {trained}/one", "was trained on graph"),

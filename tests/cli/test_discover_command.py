@@ -48,11 +48,6 @@ def test_a_scorer_adds_a_player_and_another_base_is_where_play_begins(printed, r
     )
 
 
-def test_a_link_predictor_guides_no_player(refused, trained):
-    says = "expected a model from train-recipes"
-    refused("discover", "kitchen", *QUICK, "--scorer", trained / "one", says=says)
-
-
 def test_a_single_run_has_no_interval(printed, run):
     values = printed("discover", "kitchen", "--runs", 1, "--players", "random-no-repeat")
     assert values["players"]["random-no-repeat"]["100"]["low"] is None
@@ -60,11 +55,11 @@ def test_a_single_run_has_no_interval(printed, run):
     assert "[" not in text.split("people")[0].split("\n", 2)[2]
 
 
-def test_a_scorer_of_another_book_explores(printed, recipes_folder, tmp_path, refused):
-    book = tmp_path / "other.csv"
-    book.write_text(
+def test_a_scorer_of_another_book_explores(printed, recipes_folder, put, refused):
+    book = put(
         "ingredient_a,ingredient_b,result\nseed,water,weed\nweed,water,weed "
-        "wine\nfire,water,steam\n"
+        "wine\nfire,water,steam\n",
+        "other.csv",
     )
     start = ("discover", book, "--base", "seed,water,fire", "--scorer", recipes_folder)
     unseen = printed(*start, *QUICK)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers import frozen, in_file
 from pykeen.pipeline import pipeline
-from quick import QUICK, TINY, same, text_of
+from quick import QUICK, TINY, text_of
 
 from wordcraft_kg import from_pykeen, save_scorer
 from wordcraft_kg.graphs import RELATIONS, Split, open_graph
@@ -69,31 +69,6 @@ def test_models_go_to_a_folder_of_their_own_by_default(run, tmp_path, monkeypatc
         "kitchen-distmult-partial",
         "kitchen-full",
     ]
-
-
-def test_a_model_folder_that_exists_is_refused_before_anything_is_trained(
-    refused, run, trained, workshop
-):
-    command = (
-        "train-complex",
-        workshop / "graph",
-        *QUICK,
-        "--seed",
-        "5",
-        "--out",
-        workshop / "one",
-    )
-    refused(*command, says="--force", kind="OutputExistsError")
-    assert same(WEIGHTS, workshop / "one", trained / "one")
-    assert run(*command, "--force").code == 0
-    assert not same(WEIGHTS, workshop / "one", trained / "one")
-
-
-def test_a_models_own_config_file_trains_the_same_model_again(run, trained, tmp_path):
-    options = ("--config", trained / "one" / "config.toml", "--out", tmp_path / "again", "--quiet")
-    assert run("train-complex", trained / "graph", *options).code == 0
-    for name in (WEIGHTS, "vocabulary.json"):
-        assert same(name, tmp_path / "again", trained / "one")
 
 
 @pytest.mark.parametrize(
@@ -262,7 +237,3 @@ def test_links_commands_take_it(printed, name, run, models, tmp_path):
     assert compared["models"][1]["difference"] < 0  # an epoch teaches DistMult nothing
     options = ("--scorer", models / name, "--distractor-seeds", 1, "--distractors", 1)
     assert run("evaluate-agent", "kitchen", *options).code == 0
-
-
-def test_no_training_goes_on_with_it(refused, models):
-    refused("train-complex", "kitchen", "--out", models / "mine", kind="OutputExistsError")

@@ -120,7 +120,7 @@ def test_score_says_which_recipes_give_each_triple(printed, run, trained):
         assert answer_to(printed("score", trained / "one", *triple))["known"] == part
 
 
-def test_score_says_how_probable_triples_outside_training_are(printed, run, world, tmp_path):
+def test_score_says_how_probable_triples_outside_training_are(printed, run, world, put, tmp_path):
     model, scorer = world / "scorer", load_scorer(world / "scorer")
     query = ("score", model, "_", "componentOf", "bread", "--top", "80")
     top = printed(*query)["answers"]
@@ -134,9 +134,9 @@ def test_score_says_how_probable_triples_outside_training_are(printed, run, worl
     new = next(row for row in top if row["known"] == "new")
     single = run("score", model, new["slots"]["head"], "componentOf", "bread").out
     assert f"  {100 * new['probability']:.2g} %" in single
-    queries = tmp_path / "queries.csv"
-    queries.write_text(
-        f"head,relation,tail\n{new['slots']['head']},componentOf,bread\n_,componentOf,bread\n"
+    queries = put(
+        f"head,relation,tail\n{new['slots']['head']},componentOf,bread\n_,componentOf,bread\n",
+        "queries.csv",
     )
     rows = printed("score", model, "--in", queries, "--top", "80")["answers"]
     assert rows[0]["probability"] == pytest.approx(new["probability"])

@@ -160,6 +160,21 @@ def test_constraints_and_lock_file_pin_all_dependencies():
     assert {re.split(r"[<>=\[]", line)[0] for line in project["dependencies"]} <= locked.keys()
 
 
+@pytest.mark.parametrize(
+    ("package", "command", "says"),
+    [
+        ("mcp", "mcp kitchen", "pip install 'mcp<3"),
+        ("websockets", "serve openenv kitchen", "websockets"),
+        ("starlette", "explore kitchen", "pip install 'starlette<2"),
+    ],
+)
+def test_without_the_packages_of_an_app_its_command_names_the_extra(
+    refused, uninstalled, package, command, says
+):
+    uninstalled(package)
+    refused(*command.split(), says=says, kind="MissingExtraError")
+
+
 @pytest.fixture
 def doctor(run, home):
     def doctor():

@@ -246,10 +246,9 @@ def test_a_table_that_is_none_of_suggestions_is_refused_and_nothing_is_written(
     assert not longer.exists()
 
 
-def test_a_ticked_recipe_of_a_single_ingredient_is_accepted(graph, tmp_path):
+def test_a_ticked_recipe_of_a_single_ingredient_is_accepted(graph, put):
     """As from a page of a model of sets, none of which has three ingredients."""
-    table = tmp_path / "found.csv"
-    table.write_text(HEADER + "egg,fire,ash,x\negg,,shell,x\n")
+    table = put(HEADER + "egg,fire,ash,x\negg,,shell,x\n", "found.csv")
     assert ticked(table, graph) == [Recipe.of("egg", "fire", "ash"), Recipe.of("egg", "shell")]
 
 

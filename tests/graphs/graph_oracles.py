@@ -3,6 +3,8 @@
 import math
 from itertools import permutations
 
+from wordcraft_kg.graphs import RELATIONS
+
 
 def results(rows, *ingredients):
     return sorted({made for *parts, made in rows if sorted(parts) == sorted(ingredients)})
@@ -12,6 +14,13 @@ def triples(rows):
     made = {(one, "componentOf", result) for *parts, result in rows for one in parts}
     pairs = [pair for *parts, _ in rows for pair in permutations(parts, 2)]
     return made | {(one, "combinesWith", other) for one, other in pairs}
+
+
+def labelled(graph, triples):
+    return [
+        (graph.entities[head], RELATIONS[relation], graph.entities[tail])
+        for head, relation, tail in triples.tolist()
+    ]
 
 
 def known_after_rounds(rows, start):

@@ -27,11 +27,10 @@ HEADER = "ingredient_a,ingredient_b,result\n"
 
 
 @pytest.fixture
-def check(tmp_path):
+def check(put):
     def check(text, name="book.csv", **options):
-        path = tmp_path / name
-        data = text if isinstance(text, bytes) else text.encode()
-        path.write_bytes(data)
+        path = put(text, name)
+        data = path.read_bytes()
         checked = check_book(path, **options)
         assert path.read_bytes() == data
         return checked
@@ -357,10 +356,8 @@ def test_long_lists_are_cut_and_equal_faults_are_one(check):
     assert two.lines == (102,)
 
 
-def test_a_book_without_any_entity_to_begin_with_says_that_it_has_no_base(tmp_path):
-    circle = tmp_path / "circle.csv"
-    circle.write_text("ingredient_a,ingredient_b,result\na,b,c\nb,c,a\na,c,b\n")
-    findings = check_book(circle).findings
+def test_a_book_without_any_entity_to_begin_with_says_that_it_has_no_base(check):
+    findings = check(HEADER + "a,b,c\nb,c,a\na,c,b\n").findings
     assert [finding.kind for finding in findings] == ["unreachable"]
     assert "no base can be inferred" in findings[0].message
 

@@ -87,9 +87,8 @@ EXAMPLES = dict(examples_of_the_guide())
 
 
 @pytest.mark.parametrize("title", EXAMPLES)
-def test_the_guides_examples_are_read(tmp_path, title):
-    path = tmp_path / "book.txt"
-    path.write_text(EXAMPLES[title], encoding="utf-8")
+def test_the_guides_examples_are_read(put, title):
+    path = put(EXAMPLES[title], "book.txt")
     labels = {label.lower() for label in read_book(path).entities}
     assert labels & {"mud", "lake"}
 
@@ -213,13 +212,12 @@ def test_a_key_twice_is_refused(tmp_path):
         read_book(path)
 
 
-def test_an_ordinary_book_in_a_folder_called_recipes_is_read(tmp_path):
-    path = tmp_path / "book.zip"
-    path.write_bytes(zipped({"recipes/book.json": '{"mud": [["water", "earth"]]}'}))
+def test_an_ordinary_book_in_a_folder_called_recipes_is_read(put):
+    path = put(zipped({"recipes/book.json": '{"mud": [["water", "earth"]]}'}), "book.zip")
     assert read_book(path).recipes == (("earth", "water", "mud"),)
 
 
-def test_tags_of_the_pack_are_choices_and_no_entities(tmp_path):
+def test_tags_of_the_pack_are_choices_and_no_entities(put):
     data = {
         "data/demo/tags/items/planks.json": {"values": ["#demo:oaks", "demo:birch"]},
         "data/demo/tags/items/oaks.json": {"values": ["demo:oak", {"id": "demo:dark_oak"}]},
@@ -233,8 +231,7 @@ def test_tags_of_the_pack_are_choices_and_no_entities(tmp_path):
             "result": "demo:door",
         },
     }
-    path = tmp_path / "pack.zip"
-    path.write_bytes(zipped({name: json.dumps(value) for name, value in data.items()}))
+    path = put(zipped({name: json.dumps(value) for name, value in data.items()}), "pack.zip")
     book = read_book(path)
     made_of = {label for recipe in book.recipes for label in recipe[:2]}
     assert made_of == {"demo:coal", "demo:oak", "demo:dark_oak", "demo:birch", "#minecraft:logs"}
@@ -242,16 +239,6 @@ def test_tags_of_the_pack_are_choices_and_no_entities(tmp_path):
 
 
 HEADER = "ingredient_a,ingredient_b,result\n"
-
-
-@pytest.fixture
-def put(tmp_path):
-    def put(content, name="book.csv"):
-        path = tmp_path / name
-        path.write_bytes(content.encode() if isinstance(content, str) else content)
-        return path
-
-    return put
 
 
 def linked_zip():
@@ -263,24 +250,6 @@ def linked_zip():
         link.external_attr = (stat.S_IFLNK | 0o777) << 16
         archive.writestr(link, "/etc/hostname")
     return buffer.getvalue()
-
-
-def locked_zip():
-    """A zip archive whose member has the flag of encryption."""
-    data = bytearray(zipped({"book.csv": table()}))
-    data[6] |= 1
-    data[data.index(b"PK\x01\x02") + 8] |= 1
-    return bytes(data)
-
-
-def zip_of_damaged_lzma():
-    """A zip archive whose member is no LZMA data."""
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_LZMA) as archive:
-        archive.writestr("book.csv", table() * 20)
-    data = bytearray(buffer.getvalue())
-    data[60:90] = bytes(range(200, 230))
-    return bytes(data)
 
 
 BOMB = b"a" * 50_000_000
@@ -317,9 +286,7 @@ REFUSED = {
         "at most 200 from a compressed byte",
     ),
     "link in a zip": (linked_zip(), "b.zip", "holds a link, 'other.csv'"),
-    "encrypted zip": (locked_zip(), "b.zip", "is encrypted"),
     "path out of a zip": (zipped({"../b.csv": table()}), "b.zip", r"leads out of it, '\.\./b.csv'"),
-    "damaged LZMA": (zip_of_damaged_lzma(), "b.zip", "has the compression method 14"),
     "two marks": (b"\xef\xbb\xbf" * 2 + table().encode(), "b.csv", "two byte order marks"),
     "row like a comment": (
         "#a:b,coal,torch\nstick,coal,torch\n",

@@ -133,9 +133,8 @@ def test_sentences_name_each_recipe_of_the_part_once(source, tmp_path):
 
 
 @pytest.mark.parametrize("format", EXPORTERS)
-def test_an_export_that_exists_is_kept_unless_forced(kitchen, tmp_path, format):
-    path = tmp_path / "out"
-    path.write_text("mine", encoding="utf-8")
+def test_an_export_that_exists_is_kept_unless_forced(kitchen, put, tmp_path, format):
+    path = put("mine", "out")
     with pytest.raises(OutputExistsError):
         export_graph(opened(kitchen), format, path)
     assert path.read_text(encoding="utf-8") == "mine"

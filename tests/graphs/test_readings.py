@@ -211,17 +211,6 @@ READ = {
 }
 
 
-@pytest.fixture
-def put(tmp_path):
-    def put(content, name="book.txt"):
-        path = tmp_path / name
-        text = content if isinstance(content, str) else json.dumps(content, ensure_ascii=False)
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return put
-
-
 def recipes(book):
     return {tuple(recipe) for recipe in book.recipes}
 
@@ -232,7 +221,7 @@ def expected(rows):
 
 @pytest.mark.parametrize("case", READ)
 def test_a_file_is_read_as_it_is_meant(put, case):
-    book = read_book(put(READ[case]))
+    book = read_book(put(READ[case], "book.txt"))
     assert recipes(book) == expected(ROWS)
     reading = book.reading
     assert reading.rows == reading.kept + sum(reading.left_out.values())
@@ -257,7 +246,7 @@ ADVISED = {
 @pytest.mark.parametrize("case", ADVISED)
 def test_a_refusal_has_a_command_that_reads_the_file(put, case):
     content = ADVISED[case]
-    path = put(content)
+    path = put(content, "book.txt")
     with pytest.raises(RecipeFileError) as caught:
         read_book(path)
     message = str(caught.value).partition("Nearest readable shape")[0]
@@ -274,7 +263,9 @@ def test_a_refusal_has_a_command_that_reads_the_file(put, case):
 @pytest.mark.parametrize("form", ["wool:{}", "C=C{}", "item_{}", "元素{}", "2-thing {}"])
 def test_numbers_and_signs_in_all_labels_are_parts_of_names(put, form):
     rows = [tuple(form.format(IDS[label]) for label in row) for row in ROWS]
-    assert recipes(read_book(put(records("a", "b", "result", rows=rows)))) == expected(rows)
+    assert recipes(read_book(put(records("a", "b", "result", rows=rows), "book.txt"))) == expected(
+        rows
+    )
 
 
 def test_a_grid_has_ingredients_in_its_first_row_and_column(put):
@@ -283,16 +274,16 @@ def test_a_grid_has_ingredients_in_its_first_row_and_column(put):
     grid = "x,a,b,c\n" + "".join(
         f"{x}," + ",".join(rows.get((x, y), "") for y in "abc") + "\n" for x in "abc"
     )
-    assert recipes(read_book(put(grid))) == {("a", "b", "c"), ("c", "c", "b")}
+    assert recipes(read_book(put(grid, "book.txt"))) == {("a", "b", "c"), ("c", "c", "b")}
     with pytest.raises(RecipeFileError):
-        read_book(put(re.sub("(?<=,)[abc](?=,|$)", "weak", grid, flags=re.MULTILINE)))
+        read_book(put(re.sub("(?<=,)[abc](?=,|$)", "weak", grid, flags=re.MULTILINE), "book.txt"))
 
 
 def test_a_table_without_a_header_is_advised_in_its_likely_order(put):
     """Results with a capital letter are those of ingredients in small letters."""
     rows = "".join(f"{c.title()},{a},{b}\n{c.title()},{b},{a}\n" for a, b, c in ROWS)
     with pytest.raises(RecipeFileError, match="--columns '2,3,1'") as caught:
-        read_book(put(rows))
+        read_book(put(rows, "book.txt"))
     assert "'1,2,3'" not in str(caught.value)
 
 
@@ -300,7 +291,7 @@ PARTNERS = {"water": [["earth", "mud"], ["fire", "steam"]], "earth": [["fire", "
 
 
 def test_two_readings_are_refused_with_both_commands(put):
-    path = put(PARTNERS)
+    path = put(PARTNERS, "book.txt")
     with pytest.raises(RecipeFileError, match="two readings fit") as caught:
         read_book(path)
     columns = re.findall(r"--columns '([^']+)'", str(caught.value))
@@ -447,7 +438,7 @@ REFUSED = {
 def test_what_is_no_book_for_sure_is_refused(put, case):
     content, says = REFUSED[case]
     with pytest.raises(RecipeFileError, match=re.escape(says)) as caught:
-        read_book(put(content))
+        read_book(put(content, "book.txt"))
     assert "--single-ingredient" not in str(caught.value)
 
 
@@ -461,18 +452,20 @@ def test_what_is_no_book_for_sure_is_refused(put, case):
 )
 def test_wrong_paths_are_refused_with_the_grammar_or_the_paths(put, columns, says):
     with pytest.raises(ConfigError, match=re.escape(says)):
-        read_book(put(READ["a recipe's own name"]), columns=columns)
+        read_book(put(READ["a recipe's own name"], "book.txt"), columns=columns)
 
 
 def test_paths_read_any_json(put):
     deep = {"a.b": {"made": [{"of": [{"x": [a, b]}], "out": {"nm": c}} for a, b, c in ROWS]}}
-    book = read_book(put(deep), columns=[r"a\.b.made[].of[].x[]", r"a\.b.made[].out.nm"])
+    book = read_book(
+        put(deep, "book.txt"), columns=[r"a\.b.made[].of[].x[]", r"a\.b.made[].out.nm"]
+    )
     assert recipes(book) == expected(ROWS)
 
 
 def test_a_row_without_ingredients_or_result_is_left_out_and_counted(put):
     rows = [*records("a", "b", "result"), {"a": "x", "b": "y"}, {"result": "z"}]
-    book = read_book(put(rows))
+    book = read_book(put(rows, "book.txt"))
     assert recipes(book) == expected(ROWS)
     assert book.reading.left_out == {"without ingredients or result": 2}
 
@@ -506,16 +499,6 @@ MUD = ("earth", "water", "mud")
 STEAM = ("fire", "water", "steam")
 
 
-@pytest.fixture
-def put_of_cells(tmp_path):
-    def put_of_cells(content, name="book.csv"):
-        path = tmp_path / name
-        path.write_text(content, encoding="utf-8")
-        return path
-
-    return put_of_cells
-
-
 NUMBERS = {
     "before": (OTHER + "2 water,earth,mud\nwater,3x fire,steam\n", "book.csv"),
     "behind": (OTHER + "water x2,earth,mud\nwater,fire*3,steam\n", "book.csv"),
@@ -527,15 +510,15 @@ NUMBERS = {
 
 
 @pytest.mark.parametrize("case", NUMBERS)
-def test_numbers_in_many_cells_are_numbers_of_pieces(put_of_cells, case):
-    book = read_book(put_of_cells(*NUMBERS[case]))
+def test_numbers_in_many_cells_are_numbers_of_pieces(put, case):
+    book = read_book(put(*NUMBERS[case]))
     assert {tuple(recipe) for recipe in book.recipes} == {MUD, STEAM}
     assert book.reading.counts_dropped == 2
     assert "2 numbers of pieces not kept, numbers read as pieces, such as" in book.reading.line()
 
 
-def test_two_pieces_of_one_thing_are_a_pair(put_of_cells):
-    book = read_book(put_of_cells("2 water = lake\n1 lake + 2 salt = sea\n", "book.txt"))
+def test_two_pieces_of_one_thing_are_a_pair(put):
+    book = read_book(put("2 water = lake\n1 lake + 2 salt = sea\n", "book.txt"))
     assert {tuple(recipe) for recipe in book.recipes} == {
         ("water", "water", "lake"),
         ("lake", "salt", "sea"),
@@ -553,8 +536,8 @@ KEPT = {
 
 
 @pytest.mark.parametrize("case", KEPT)
-def test_other_numbers_are_parts_of_labels(put_of_cells, case):
-    book = read_book(put_of_cells(KEPT[case]))
+def test_other_numbers_are_parts_of_labels(put, case):
+    book = read_book(put(KEPT[case]))
     rows = [tuple(line.split(",")) for line in KEPT[case].splitlines()[1:]]
     assert {tuple(recipe) for recipe in book.recipes} == {
         (*sorted(row[:2]), row[2]) for row in rows
@@ -562,53 +545,53 @@ def test_other_numbers_are_parts_of_labels(put_of_cells, case):
     assert book.reading.counts_dropped == 0
 
 
-def test_a_number_beside_the_label_without_it_is_named(put_of_cells):
+def test_a_number_beside_the_label_without_it_is_named(put):
     rows = "2 water,earth,mud\nwater,fire,steam\n" + "".join(f"a,b{i},c{i}\n" for i in range(9))
     for header in (OWN, OTHER):
-        path = put_of_cells(header + rows)
+        path = put(header + rows)
         says = "1 label with numbers, such as '2 water' beside the label without it"
         assert says in read_book(path).reading.line()
         assert any(says in f.message for f in check_book(path).findings if f.kind == "numbers")
 
 
 @pytest.mark.parametrize("mark", ["mud*", "mud ✓", "mud[1]", "1. mud", "★ mud"])
-def test_a_mark_in_a_single_cell_is_named(put_of_cells, mark):
+def test_a_mark_in_a_single_cell_is_named(put, mark):
     rows = f"water,earth,{mark}\nmud,fire,brick\nwater,fire,steam\n"
-    path = put_of_cells(OWN + rows)
+    path = put(OWN + rows)
     says = f"1 label with a mark, such as '{mark}'"
     assert says in read_book(path).reading.line()
     assert any(says in f.message for f in check_book(path).findings if f.kind == "marks")
 
 
 @pytest.mark.parametrize("label", ["Yahoo!", "C+", "mud (wet)", "+1", "*", "3.14"])
-def test_signs_that_belong_to_labels_are_no_marks(put_of_cells, label):
-    line = read_book(put_of_cells(OWN + f"water,earth,{label}\n")).reading.line()
+def test_signs_that_belong_to_labels_are_no_marks(put, label):
+    line = read_book(put(OWN + f"water,earth,{label}\n")).reading.line()
     assert "mark" not in line
 
 
 @pytest.mark.parametrize("header", [OWN, OTHER])
 @pytest.mark.parametrize("blank", ["\u00a0", "\u200b", "\u3000", "\u200f"])
-def test_blanks_that_cannot_be_seen_are_left_out_and_counted(put_of_cells, header, blank):
+def test_blanks_that_cannot_be_seen_are_left_out_and_counted(put, header, blank):
     reading_of = {}
     for name, rows in (
         ("book.csv", f"{header}water{blank},{blank}earth,mud\n"),
         ("book.json", json.dumps([[["water" + blank, blank + "earth"], "mud"]])),
     ):
-        book = read_book(put_of_cells(rows, name))
+        book = read_book(put(rows, name))
         assert [tuple(recipe) for recipe in book.recipes] == [MUD]
         reading_of[name] = book.reading
     assert [reading.trimmed for reading in reading_of.values()] == [2, 2]
     assert "2 cells without blanks that cannot be seen" in reading_of["book.csv"].line()
 
 
-def test_a_cell_of_blanks_that_cannot_be_seen_is_a_fault(put_of_cells):
-    path = put_of_cells(OTHER + "water,earth,mud\nwater,\u200b,steam\n")
+def test_a_cell_of_blanks_that_cannot_be_seen_is_a_fault(put):
+    path = put(OTHER + "water,earth,mud\nwater,\u200b,steam\n")
     found = [f for f in check_book(path).findings if f.kind == "label"]
     assert [f.lines for f in found] == [(3,)]
 
 
-def test_labels_that_stand_for_nothing_are_named(put_of_cells):
-    line = read_book(put_of_cells(OWN + "NA,earth,Nothing\n")).reading.line()
+def test_labels_that_stand_for_nothing_are_named(put):
+    line = read_book(put(OWN + "NA,earth,Nothing\n")).reading.line()
     assert "'NA', 'Nothing' kept as entities" in line
 
 

@@ -23,14 +23,7 @@ from wordcraft_kg.graphs import (
 )
 from wordcraft_kg.graphs.export import to_networkx, triples_frame
 from wordcraft_kg.graphs.folder import entities_frame
-from wordcraft_kg.graphs.triples import RELATIONS, is_in, triple_keys
-
-
-def labelled(graph, triples):
-    return [
-        (graph.entities[head], RELATIONS[relation], graph.entities[tail])
-        for head, relation, tail in triples
-    ]
+from wordcraft_kg.graphs.triples import is_in, triple_keys
 
 
 @given(ANY_GRAPHS)
@@ -79,7 +72,7 @@ def test_pairs_group_the_recipes_that_share_their_ingredients(graph):
 
 @given(ANY_GRAPHS)
 def test_triples_are_those_of_each_recipe_with_duplicates_merged_and_sorted(graph):
-    triples = labelled(graph, graph.triples)
+    triples = oracles.labelled(graph, graph.triples)
     assert set(triples) == oracles.triples(graph.recipe_labels())
     assert triples == sorted(set(triples), key=lambda triple: (triple[1], triple[0], triple[2]))
 

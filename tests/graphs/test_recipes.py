@@ -22,13 +22,11 @@ TABLE = "ingredient_a,ingredient_b,result\n"
 
 
 @pytest.fixture
-def read(tmp_path):
+def read(put):
     """Write a text to a file and read it as a book."""
 
     def read(text, name="book.csv", **options):
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8", newline="")
-        return read_book(path, **options)
+        return read_book(put(text, name), **options)
 
     return read
 
@@ -308,16 +306,6 @@ def outcome(path, **options):
 def outcome_by_rows(path, **options):
     with patch.object(BookRows, "all_at_once", return_value=None):
         return outcome(path, **options)
-
-
-@pytest.fixture
-def put(tmp_path):
-    def write(text, name="book.csv"):
-        path = tmp_path / name
-        path.write_bytes(text.encode())
-        return path
-
-    return write
 
 
 def is_read_at_once(path):

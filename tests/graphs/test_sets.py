@@ -4,6 +4,7 @@ import json
 import pickle
 from dataclasses import replace
 
+import graph_oracles as oracles
 import numpy as np
 import pytest
 from graph_strategies import graphs_of_sets
@@ -11,7 +12,6 @@ from hypothesis import given
 
 from wordcraft_kg.base.errors import GraphError, RecipeFileError, SplitError
 from wordcraft_kg.graphs import (
-    RELATIONS,
     Recipe,
     RecipeBook,
     RecipeGraph,
@@ -79,9 +79,8 @@ SHAPES = {
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_sets_are_read_from_files_of_each_shape(tmp_path, name):
-    path = tmp_path / name
-    path.write_text(SHAPES[name])
+def test_sets_are_read_from_files_of_each_shape(put, name):
+    path = put(SHAPES[name], name)
     book = read_book(path)
     num_rows = book.reading.rows
     assert list(book.recipes) == sorted(Recipe.of(*row) for row in ROWS[:num_rows])
@@ -102,9 +101,8 @@ def test_nine_ingredients_are_left_out_and_counted(tmp_path):
         RecipeGraph.from_recipes([("a",) * 9 + ("b",)])
 
 
-def test_bad_sets_are_counted_and_nothing_is_lost(tmp_path):
-    path = tmp_path / "book.json"
-    path.write_text(
+def test_bad_sets_are_counted_and_nothing_is_lost(put):
+    path = put(
         json.dumps(
             [
                 {"ingredients": ["a", "b", "c"], "result": "d"},
@@ -114,7 +112,8 @@ def test_bad_sets_are_counted_and_nothing_is_lost(tmp_path):
                 {"ingredients": [], "result": "f"},
                 {"ingredients": ["e", "d"], "result": "g"},
             ]
-        )
+        ),
+        "book.json",
     )
     book = read_book(path)
     assert list(book.recipes) == [("a", "b", "c", "d"), ("a", "b", "c", "e"), ("d", "e", "g")]
@@ -129,10 +128,10 @@ def test_bad_sets_are_counted_and_nothing_is_lost(tmp_path):
     assert ambiguity.examples[0].results == ("d", "e")
 
 
-def test_a_single_ingredient_is_refused_in_a_book_of_pairs_unless_its_meaning_is_told(tmp_path):
-    path = tmp_path / "book.json"
-    path.write_text(
-        json.dumps({"iron": [["ore"]], "axe": [["iron", "wood"]], "wood": [["axe", "tree"]]})
+def test_a_single_ingredient_is_refused_in_a_book_of_pairs_unless_its_meaning_is_told(put):
+    path = put(
+        json.dumps({"iron": [["ore"]], "axe": [["iron", "wood"]], "wood": [["axe", "tree"]]}),
+        "book.json",
     )
     with pytest.raises(RecipeFileError, match="only ingredient, in a book of pairs"):
         read_book(path)
@@ -141,13 +140,9 @@ def test_a_single_ingredient_is_refused_in_a_book_of_pairs_unless_its_meaning_is
     assert Recipe.of("ore", "ore", "iron") in read_book(path, single_ingredient="self").recipes
     graph = RecipeGraph.from_book(alone)
     assert graph.labels(graph.results("ore")) == ("iron",)
-    assert ("ore", "combinesWith") not in {triple[:2] for triple in labelled(graph)}
-
-
-def labelled(graph):
-    heads, relations, tails = graph.triples.T.tolist()
-    names = [RELATIONS[relation] for relation in relations]
-    return set(zip(graph.labels(heads), names, graph.labels(tails), strict=True))
+    assert ("ore", "combinesWith") not in {
+        triple[:2] for triple in oracles.labelled(graph, graph.triples)
+    }
 
 
 @pytest.mark.parametrize("kind", ["by-recipe-plain", "by-goal", "by-slot", "by-kind"])
@@ -223,9 +218,8 @@ def test_a_graph_of_pairs_has_the_same_array_as_recipes_and_as_sets(kitchen):
     assert RecipeGraph(kitchen.entities, wide, kitchen.base_ids) == kitchen
 
 
-def test_quantities_are_kept_in_the_order_of_the_ingredients_and_exported(tmp_path):
-    path = tmp_path / "book.csv"
-    path.write_text(
+def test_quantities_are_kept_in_the_order_of_the_ingredients_and_exported(put, tmp_path):
+    path = put(
         "ingredient_a,ingredient_b,ingredient_c,result,kind,quantities\n"
         "water,flour,salt,dough,mixing,300 500 10\n"
         "dough,oven,,bread,baking,\n"

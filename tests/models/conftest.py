@@ -16,6 +16,13 @@ def complex_folder(opened_kitchen, made_once):
 
 
 @pytest.fixture(scope="session")
+def folded(opened_kitchen, made_once):
+    """A cross-fitted ComplEx model of the kitchen; read only."""
+    config = ComplExConfig(dim=8, epochs=4, n3=0.1, popularity=1.0, folds=3)
+    return made_once("folded/kitchen", lambda out: train(opened_kitchen, config, out))
+
+
+@pytest.fixture(scope="session")
 def distmult_folder(opened_kitchen, made_once):
     """A model whose scorer is a table; read only."""
     config = LinkModelConfig(model="distmult", loop="symmetric", dim=4, epochs=2, folds=0)

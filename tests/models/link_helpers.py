@@ -31,6 +31,14 @@ def random_graph(seed=0, num_entities=10, num_recipes=25):
     )
 
 
+def write_random_book(path, seed, more=()):
+    """Write the book of a random graph of 12 entities, and further rows; return its path."""
+    graph = random_graph(seed, 12, 60)
+    rows = [",".join(graph.entities[entity] for entity in row) for row in graph.recipes.tolist()]
+    path.write_text("\n".join(["ingredient_a,ingredient_b,result", *rows, *more]))
+    return path
+
+
 def interrupt_after(*epochs, times=1):
     """A progress callback that presses Ctrl-C when an epoch is reported."""
 

@@ -38,6 +38,3 @@ def report_folder(kitchen_report, tmp_path_factory):
 @pytest.fixture(scope="session")
 def full_report(kitchen_model):
     return link_report(kitchen_model.scorer, kitchen_model.opened, kg="full", name="kitchen-full")
-
-
-AWKWARD = "<i>&\"'</i>,"

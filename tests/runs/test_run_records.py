@@ -1,7 +1,6 @@
 """Run records: what they hold, what they keep quiet about, and what is verified with them; trackers of metrics."""
 
 import getpass
-import json
 import os
 import socket
 import sys
@@ -11,7 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from helpers import refuses, resume
+from helpers import lines_of, refuses, resume
 
 from wordcraft_kg import (
     AgentConfig,
@@ -371,14 +370,10 @@ class Notes:
         self.ended.append(status)
 
 
-def lines(path):
-    return [json.loads(line) for line in path.read_text().splitlines()]
-
-
 def test_a_tracker_of_ones_own_gets_each_line_of_an_agents_metrics(tmp_path):
     notes = Notes()
     train_agent(AGENT, tmp_path / "run", trackers=[notes])
-    expected = lines(tmp_path / "run/metrics.jsonl")
+    expected = lines_of(tmp_path / "run/metrics.jsonl")
     assert [step for step, _ in notes.rows] == [row["step"] for row in expected]
     for (_, values), row in zip(notes.rows, expected, strict=True):
         assert values == {

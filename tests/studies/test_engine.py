@@ -228,35 +228,30 @@ def test_a_failure_stops_nothing_but_what_needs_it_and_is_tried_again(tmp_path):
     assert len(run_small(tmp_path, plan, pretend)) == 5
 
 
-def test_a_full_disk_ends_the_study_with_what_is_done_safe(tmp_path):
-    plan, began = small_plan(), []
-
-    def work(task, root):
-        began.append(task)
-        return (
-            pretend(task, root)
-            if len(began) < 3
-            else Outcome(task.address, "failed", "full", disk_full=True)
-        )
-
-    with pytest.raises(FullDiskError):
-        run_small(tmp_path, plan, work)
-    assert len(began) == 3
-    assert len(run_small(tmp_path, plan, pretend)) == 7
-    assert set(times_made(tmp_path)) == {1}
-
-
-def test_an_interrupted_training_ends_the_study_which_says_what_is_done(tmp_path):
+@pytest.mark.parametrize(
+    ("ending", "error", "says"),
+    [
+        ({"termination": "failed", "error": "full", "disk_full": True}, FullDiskError, None),
+        (
+            {"termination": "interrupted"},
+            KeyboardInterrupt,
+            "3 of 10 tasks are done, repeat the command",
+        ),
+    ],
+    ids=["full disk", "interrupted"],
+)
+def test_a_study_that_cannot_go_on_ends_with_what_is_done_safe(tmp_path, ending, error, says):
     began = []
 
     def work(task, root):
         began.append(task)
-        return pretend(task, root) if len(began) < 3 else Outcome(task.address, "interrupted")
+        return pretend(task, root) if len(began) < 3 else Outcome(task.address, **ending)
 
-    with pytest.raises(KeyboardInterrupt, match="3 of 10 tasks are done, repeat the command"):
-        run_plan(small_plan(), tmp_path, Pool(1), work=work)
+    with pytest.raises(error, match=says):
+        run_small(tmp_path, work=work)
     assert len(began) == 3
     assert len(run_small(tmp_path, work=pretend)) == 7, "nothing stops the same command"
+    assert set(times_made(tmp_path)) == {1}
 
 
 def test_a_study_whose_first_file_cannot_be_written_leaves_no_folder(tmp_path):

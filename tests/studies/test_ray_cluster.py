@@ -72,9 +72,8 @@ def test_a_cluster_is_left_whatever_happens(stub):
     assert stub == ["head:6379", "registered", "shutdown"]
 
 
-def test_vectors_that_changed_since_the_plan_fail_with_the_reason(tmp_path):
-    vectors = tmp_path / "words.txt"
-    vectors.write_text("".join(f"{label} 1 2\n" for label in KITCHEN.graph.entities))
+def test_vectors_that_changed_since_the_plan_fail_with_the_reason(put, tmp_path):
+    vectors = put("".join(f"{label} 1 2\n" for label in KITCHEN.graph.entities), "words.txt")
     features = f'[variants.own]\nfeatures = "{vectors}"'
     plan = small_plan(features)
     vectors.write_text(vectors.read_text().replace("1 2", "2 1"))

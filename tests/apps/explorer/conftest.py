@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import pytest
-from helpers import write_graph
 
 from tests.apps.explorer.shown import HOSTILE, explored_graph
 from wordcraft_kg import (
@@ -36,12 +35,6 @@ SHORT = ImpalaConfig(steps=1_024, batch_size=16, log_every=128, eval_every=512)
 LEARNED = PolicyConfig(
     features="learned", embedding_size=8, key_size=8, value_size=8, hidden_size=8
 )
-
-
-@pytest.fixture(scope="session")
-def kitchen_folder(made_once):
-    """The folder of the kitchen's graph."""
-    return made_once("explored/kitchen", write_graph)
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from helpers import lines_of
 
 from tests.apps.explorer.shown import look, view_of
 from wordcraft_kg import WordCraftConfig, World, open_agent
@@ -141,10 +142,6 @@ def test_in_sample_scores_are_marked(agents, recipes_folder):
     assert ("in-sample This model" in text, "model trained without fold" in text) == (False, True)
 
 
-def lines_of(folder):
-    return [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
-
-
 def test_the_runs_are_what_their_records_say(agents):
     view = view_of(agents, RunsState())
     assert [row.name for row in view.runs] == ["guided", "plain", "mlp"]
@@ -159,7 +156,7 @@ def test_the_runs_are_what_their_records_say(agents):
     guided, plain, mlp = view.runs
     assert (guided.scorer, guided.use, guided.kg) == ("kitchen-recipes", ("u", "v", "w"), "partial")
     assert (plain.scorer, plain.use, plain.lambdas, mlp.policy) == ("", (), {}, "mlp")
-    last = lines_of(agents.runs["guided"])[-1]
+    last = lines_of(agents.runs["guided"] / "metrics.jsonl")[-1]
     assert guided.lambdas["w"] == (last["lambda_w_first"], last["lambda_w_second"])
     assert view.sources == ("alpha", "u", "v", "w")
 
@@ -167,7 +164,7 @@ def test_the_runs_are_what_their_records_say(agents):
 def test_a_run_shows_curves_and_settings_but_no_folders(agents, tmp_path):
     """A run shows its curves and settings but no folders of this machine."""
     view = view_of(agents, RunState("guided"))
-    lines = lines_of(agents.runs["guided"])
+    lines = lines_of(agents.runs["guided"] / "metrics.jsonl")
     points = [(line["step"], line["test_success"]) for line in lines if "test_success" in line]
     assert [(point.step, point.success) for point in view.curves["test"]] == points
     assert view.settings == {

@@ -227,11 +227,6 @@ def test_the_site_as_files(run, tmp_path):
     assert run(*command, "--force").code == 0
 
 
-def test_without_the_extra_the_command_says_what_to_install(run, uninstalled):
-    uninstalled("starlette")
-    assert "pip install 'starlette<2" in refused(run("explore", "kitchen"), "MissingExtraError")
-
-
 LOADING = ("link", "script", "img")
 
 

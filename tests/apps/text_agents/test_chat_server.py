@@ -1,9 +1,7 @@
 """A model behind a chat completions API, played by a fake server in this process."""
 
 import json
-import threading
-from collections import Counter
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+import re
 
 import pytest
 
@@ -11,46 +9,6 @@ from wordcraft_kg.apps.text_agents.chat_server import ChatServer
 from wordcraft_kg.base.errors import ConfigError, PlayerError
 
 KEY = "sk-a-secret-of-mine"
-
-
-@pytest.fixture
-def serve():
-    """Return a function that starts a server: from the number of a request to status and reply."""
-    servers = []
-
-    def start(reply, seen=None):
-        counts = Counter()
-        lock = threading.Lock()
-
-        class Handler(BaseHTTPRequestHandler):
-            def do_POST(self):
-                body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-                with lock:
-                    counts["requests"] += 1
-                    number = counts["requests"]
-                if seen is not None:
-                    seen.append((dict(self.headers), body))
-                status, content, *more = reply(number, body)
-                data = content if isinstance(content, bytes) else json.dumps(content).encode()
-                self.send_response(status)
-                for name, value in more:
-                    self.send_header(name, value)
-                self.send_header("Content-Length", str(len(data)))
-                self.end_headers()
-                self.wfile.write(data)
-
-            def log_message(self, *_):
-                pass
-
-        server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        servers.append(server)
-        return f"http://127.0.0.1:{server.server_port}/v1"
-
-    yield start
-    for server in servers:
-        server.shutdown()
-        server.server_close()
 
 
 def said(text, **more):
@@ -97,23 +55,6 @@ def test_a_busy_server_is_asked_again_and_a_broken_one_given_up(serve):
     with pytest.raises(PlayerError, match="answers with 503: out of order"):
         ChatServer("tiny", url, 5.0, pause=0.0).ask([])
     assert len(seen) == 5
-
-
-def test_a_server_that_is_down_is_named_in_one_line(run, tmp_path):
-    options = ["--player", "openai:tiny", "--base-url", "http://127.0.0.1:9/v1"]
-    outcome = run("bench", "run", "craft-1-lite", *options, "--out", tmp_path / "out")
-    assert outcome.code == 1
-    assert "does not answer" in outcome.err
-    assert "Start the server" in outcome.err
-    assert "Traceback" not in outcome.err
-
-
-def test_a_server_for_a_player_that_asks_none_is_refused(run, tmp_path):
-    options = ["--player", "votes", "--base-url", "http://127.0.0.1:9/v1"]
-    outcome = run("bench", "run", "craft-1-lite", *options, "--out", tmp_path / "out")
-    assert (outcome.code, outcome.out) == (1, "")
-    assert "--base-url is for --player openai:MODEL, not 'votes'" in outcome.err
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
@@ -167,8 +108,28 @@ def test_an_address_that_is_none_of_http_is_refused(url):
         ChatServer("tiny", url, 5.0)
 
 
-def test_without_an_address_the_command_says_what_to_give(run, tmp_path):
-    outcome = run(
-        *("bench", "run", "craft-1-lite", "--player", "openai:tiny"), "--out", tmp_path / "a"
-    )
-    assert (outcome.code, "base-url" in outcome.err) == (1, True), outcome.err
+@pytest.mark.parametrize(
+    ("player", "address", "says"),
+    [
+        (
+            "openai:tiny",
+            ("--base-url", "http://127.0.0.1:9/v1"),
+            "does not answer.*Start the server",
+        ),
+        (
+            "votes",
+            ("--base-url", "http://127.0.0.1:9/v1"),
+            "--base-url is for --player openai:MODEL, not 'votes'",
+        ),
+        ("openai:tiny", (), "base-url"),
+    ],
+    ids=["down", "not asked", "missing"],
+)
+def test_a_server_that_cannot_be_asked_is_an_error_in_a_sentence(
+    refused, tmp_path, player, address, says
+):
+    command = ("bench", "run", "craft-1-lite", "--player", player, *address)
+    error = refused(*command, "--out", tmp_path / "out")
+    assert re.search(says, error)
+    # The folder keeps what a run that began needs to go on.
+    assert (tmp_path / "out").exists() == ("Start the server" in error)

@@ -173,15 +173,16 @@ def test_each_answer_is_a_branch_behind_the_rules_and_counts_alone(splits, writt
     assert read == expected
 
 
-def test_a_conversation_of_a_test_task_is_refused_by_name(splits, written, tmp_path):
+def test_a_conversation_of_a_test_task_is_refused_by_name(splits, written, put):
     split = splits[0]
     names = split.graph.entities
     tests = [set(map(tuple, one.recipes("test").tolist())) for one in splits]
     one, other, goal = min(tests[0] & tests[1])
     row = json.loads(written.read_text().splitlines()[0])
     answer = {"role": "assistant", "content": f"{names[other]} + {names[one]}"}
-    leaked = tmp_path / "leaked.jsonl"
-    leaked.write_text(json.dumps(row | {"messages": [*row["messages"][:2], answer]}) + "\n")
+    leaked = put(
+        json.dumps(row | {"messages": [*row["messages"][:2], answer]}) + "\n", "leaked.jsonl"
+    )
     with pytest.raises(ValueError, match=f"{row['id']}' uses a recipe of '{names[goal]}'"):
         SCRIPT["read_chats"](leaked, splits, 5)
     leaked.write_text(json.dumps(row | {"part": "test"}) + "\n")
@@ -202,12 +203,9 @@ def test_a_conversation_of_a_test_task_is_refused_by_name(splits, written, tmp_p
     ],
     ids=["another line", "no messages", "tool call", "another book"],
 )
-def test_a_file_that_chats_by_text_did_not_write_is_refused(
-    splits, written, tmp_path, changed, message
-):
+def test_a_file_that_chats_by_text_did_not_write_is_refused(splits, written, put, changed, message):
     row = json.loads(written.read_text().splitlines()[0])
-    other = tmp_path / "other.jsonl"
-    other.write_text(json.dumps(row | changed) + "\n{}\n")
+    other = put(json.dumps(row | changed) + "\n{}\n", "other.jsonl")
     with pytest.raises(ValueError, match=message):
         SCRIPT["read_chats"](other, splits, 5)
 

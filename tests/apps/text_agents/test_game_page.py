@@ -87,18 +87,9 @@ def test_the_command_writes_the_file_and_names_it(run, tmp_path):
     assert path.is_file()
 
 
-def test_options_of_tasks_are_refused_for_the_page(run, tmp_path):
-    outcome = run("play", "kitchen", "--export", tmp_path / "game.html", "--depth", "2")
-    assert outcome.code == 1
-    assert "--browser and --export have their own tasks" in outcome.err
-    assert not any(tmp_path.iterdir())
-
-
-def test_icons_come_from_a_column_named_emoji(tmp_path):
-    path = tmp_path / "book.csv"
-    path.write_text(
-        "# base: water, earth, fire\nfirst,second,result,emoji\nwater,earth, mud ,🟤\nmud,fire,brick,\n",
-        "utf-8",
+def test_icons_come_from_a_column_named_emoji(put):
+    path = put(
+        "# base: water, earth, fire\nfirst,second,result,emoji\nwater,earth, mud ,🟤\nmud,fire,brick,\n"
     )
     graph = open_graph(path).graph
     assert icons_of(str(path), graph) == {graph.id_of("mud"): "🟤"}
@@ -111,22 +102,14 @@ def test_a_book_in_which_everything_has_a_recipe_is_refused(tmp_path):
         export_game(graph, tmp_path / "game.html")
 
 
-def test_a_file_that_exists_is_replaced_only_by_force(run, tmp_path):
+def test_a_file_that_exists_is_replaced_only_by_force(run, put):
     """The file may be the book itself."""
-    book = tmp_path / "book.csv"
-    book.write_text("a,b,result\nwater,earth,mud\nmud,fire,brick\n", "utf-8")
+    book = put("a,b,result\nwater,earth,mud\nmud,fire,brick\n")
     before = book.read_bytes()
     refused = run("play", book, "--export", book)
     assert (refused.code, refused.kind, book.read_bytes()) == (1, "OutputExistsError", before)
-    page = tmp_path / "game.html"
-    page.write_text("mine")
+    page = put("mine", "game.html")
     assert run("play", book, "--export", page).code == 1
     assert page.read_text() == "mine"
     assert run("play", book, "--export", page, "--force").code == 0
     assert book_on(page.read_text("utf-8"))["labels"]
-
-
-def test_a_port_without_a_server_is_refused(run):
-    outcome = run("play", "kitchen", "--port", "9000")
-    assert outcome.code == 1
-    assert "--host and --port are for a server; add --browser" in outcome.err

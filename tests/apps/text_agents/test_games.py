@@ -51,10 +51,10 @@ def play_all(games, distractor_seeds, player):
         ),
     ],
 )
-def test_a_text_player_like_a_scripted_one_has_its_evaluation(kitchen, name, settings):
+def test_a_text_player_like_a_scripted_one_has_its_evaluation(opened_kitchen, name, settings):
     """A text player that plays like a scripted one has its evaluation to the last digit."""
-    world = World(kitchen, WordCraftConfig(part="test", num_distractors=3, **settings))
-    player = PLAYERS[name](kitchen)
+    world = World(opened_kitchen, WordCraftConfig(part="test", num_distractors=3, **settings))
+    player = PLAYERS[name](opened_kitchen)
     slots = picks_of(player, world, 2)
     expected = Evaluator(world, distractor_seeds=2)(player)
 
@@ -67,11 +67,11 @@ def test_a_text_player_like_a_scripted_one_has_its_evaluation(kitchen, name, set
     assert 0 < expected.success.mean() < 1 or name == "oracle"
 
 
-def test_a_player_of_the_texts_alone_makes_every_goal(games, kitchen):
+def test_a_player_of_the_texts_alone_makes_every_goal(games, opened_kitchen):
     def answer(prompt):
         lines = dict(line.split(": ", 1) for line in prompt.splitlines() if ": " in line)
         table = {thing.split(" ", 1)[1] for thing in lines["Table"].split(", ")}
-        recipes = kitchen.graph.recipe_labels()
+        recipes = opened_kitchen.graph.recipe_labels()
         return next(
             f"{a} + {b}" for a, b, result in recipes if result == lines["Goal"] and {a, b} <= table
         )
@@ -104,19 +104,21 @@ def test_a_game_that_is_given_up_takes_no_attempt_more(games):
         game.combine(0, 1)
 
 
-def test_the_open_ended_world_is_played_by_pairs_and_counts_known_entities(kitchen):
-    games = DiscoveryGames(kitchen, attempts=4)
+def test_the_open_ended_world_is_played_by_pairs_and_counts_known_entities(opened_kitchen):
+    games = DiscoveryGames(opened_kitchen, attempts=4)
     base = len(games.env.discovery.base)
     talk, other = Conversation(games.begin()), Conversation(games.begin())
-    pair = next(pair for pair in kitchen.graph.outcomes if {*pair} <= {*games.env.discovery.base})
-    words = " with ".join(kitchen.graph.labels(pair))
+    pair = next(
+        pair for pair in opened_kitchen.graph.outcomes if {*pair} <= {*games.env.discovery.base}
+    )
+    words = " with ".join(opened_kitchen.graph.labels(pair))
     assert " -> " in talk.hear(words)
     assert "nothing new (already tried)" in talk.hear(words)
     for _ in range(MAX_INVALID + 1):
         talk.hear("?")
     talk.hear("1 1")
     assert talk.is_over
-    known = base + len(kitchen.graph.outcomes[pair])
+    known = base + len(opened_kitchen.graph.outcomes[pair])
     played = record_of(talk)
     assert played.known_after[:3] == (known,) * 3
     assert (played.repeated, played.lost_attempts, len(other.game.labels)) == (1, 1, base)
@@ -137,15 +139,16 @@ def test_the_open_ended_world_is_played_by_pairs_and_counts_known_entities(kitch
     ],
 )
 def test_look_ups_reveal_no_way_to_the_goal_and_all_other_train_recipes(
-    kitchen, part, distractors, depth, attempts
+    opened_kitchen, part, distractors, depth, attempts
 ):
     graph, knowledge, is_train = (
-        kitchen.graph,
-        PartialGraphKnowledge(kitchen.split),
-        kitchen.split.is_in("train"),
+        opened_kitchen.graph,
+        PartialGraphKnowledge(opened_kitchen.split),
+        opened_kitchen.split.is_in("train"),
     )
     world = World(
-        kitchen, WordCraftConfig(part, depth, num_distractors=distractors, max_attempts=attempts)
+        opened_kitchen,
+        WordCraftConfig(part, depth, num_distractors=distractors, max_attempts=attempts),
     )
     games, recipes = TaskGames(world), graph.recipe_labels()
     line_of = [f"{a} + {b} -> {result}" for a, b, result in recipes]
@@ -196,9 +199,9 @@ def test_a_pair_that_solves_the_task_is_not_revealed_by_its_other_result():
     assert both < facts["lava"]
 
 
-def test_a_look_up_costs_no_attempt_and_there_are_only_so_many(games, kitchen):
+def test_a_look_up_costs_no_attempt_and_there_are_only_so_many(games, opened_kitchen):
     talk = Conversation(
-        games.begin(0), PartialGraphKnowledge(kitchen.split), look_ups=2, max_invalid=1
+        games.begin(0), PartialGraphKnowledge(opened_kitchen.split), look_ups=2, max_invalid=1
     )
     unknown = (
         "Invalid answer: unknown item 'unicorn': expected an item name, or the start of a name."
@@ -238,11 +241,11 @@ def test_answers_with_names_make_all_goals_of_numbers():
     assert all(made)
 
 
-def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games, kitchen):
-    scorer = FrequencyScorer(kitchen.graph, kitchen.split.partial)
-    knowledge = ScorerKnowledge(scorer, kitchen.split)
+def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games, opened_kitchen):
+    scorer = FrequencyScorer(opened_kitchen.graph, opened_kitchen.split.partial)
+    knowledge = ScorerKnowledge(scorer, opened_kitchen.split)
     game = games.begin(0)
-    entity = kitchen.graph.id_of(game.labels[0])
+    entity = opened_kitchen.graph.id_of(game.labels[0])
     partners, parts_of, made_of = knowledge.facts(entity, game)
     assert partners.startswith("on this table, most likely combines with: ")
     assert all(label in partners for label in game.labels[1:])
@@ -250,14 +253,9 @@ def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games, kitche
     best = scorer.top(None, "componentOf", entity)[0]
     assert made_of.startswith(f"most likely ingredients: {best[0]} (")
     assert parts_of.count("(") == 10
-    train = TaskGames(World(kitchen, WordCraftConfig(part="train"))).begin(0)
+    train = TaskGames(World(opened_kitchen, WordCraftConfig(part="train"))).begin(0)
     with pytest.raises(LeakError):
         knowledge.facts(entity, train)
-
-
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / "games.jsonl"
 
 
 BOOK = "examples/kitchen-sets.csv"

@@ -228,11 +228,13 @@ def test_the_hash_covers_game_prompts_tool_schemas_and_instructions(monkeypatch,
     assert tools_hash.__wrapped__() != before
 
 
-def test_the_open_ended_world_has_no_tasks_and_no_goal(kitchen):
+def test_the_open_ended_world_has_no_tasks_and_no_goal(opened_kitchen):
     pair = next(
-        pair for pair in kitchen.graph.outcomes if {*pair} <= {*kitchen.graph.base_ids.tolist()}
+        pair
+        for pair in opened_kitchen.graph.outcomes
+        if {*pair} <= {*opened_kitchen.graph.base_ids.tolist()}
     )
-    one, other = kitchen.graph.labels(pair)
+    one, other = opened_kitchen.graph.labels(pair)
 
     async def play(client):
         (tool,) = (tool for tool in (await client.list_tools()).tools if tool.name == "begin")
@@ -241,7 +243,7 @@ def test_the_open_ended_world_has_no_tasks_and_no_goal(kitchen):
         assert (begun["goal"], begun["success"], begun["attempts_left"]) == (None, None, 4)
         attempt = {"game": begun["game"], "first": one, "second": other}
         _, made = await called(client, "combine", **attempt)
-        assert made["new"] == list(kitchen.graph.labels(kitchen.graph.outcomes[pair]))
+        assert made["new"] == list(opened_kitchen.graph.labels(opened_kitchen.graph.outcomes[pair]))
         assert made["items"] == begun["items"] + made["new"]
         text, again = await called(client, "combine", **attempt)
         assert text.startswith(f"{one} + {other} -> nothing new (already tried)")
@@ -453,10 +455,3 @@ def test_bad_options_are_refused_before_anything_is_served(run, tmp_path):
             assert (outcome.code, outcome.setting, fragment in outcome.err) == (1, setting, True), (
                 options
             )
-
-
-def test_without_its_package_the_command_names_the_extra(run, uninstalled):
-    uninstalled("mcp")
-    outcome = run("mcp", "kitchen")
-    assert (outcome.code, outcome.kind) == (1, "MissingExtraError")
-    assert "pip install 'mcp<3" in outcome.err

@@ -25,15 +25,6 @@ def rows_of(**settings):
     return crafting_rows("kitchen", **{"part": "all", "distractors": 2, **settings})
 
 
-def plan_of(environment):
-    """Return the label pairs of a plan of the game's task, in order."""
-    game = environment.talk.game
-    rows = game.tasks.plans[game.task][0]
-    pairs = (game.graph.labels(pair) for pair in game.graph.recipes[rows, :2].tolist())
-    # A pair with two results stands twice in a plan that needs both.
-    return [*dict.fromkeys(pairs)]
-
-
 def play(environment, row, pairs):
     environment.reset(**row)
     return [environment.combine(*pair) for pair in pairs]
@@ -102,7 +93,7 @@ def test_the_tool_table_shows_the_state_and_takes_no_attempt():
     for _ in range(5):
         assert environment.table() == environment.talk.game.state
     assert environment.talk.game.attempts_left == 2
-    first, *_ = plan_of(environment)
+    first, *_ = plan_pairs(environment.talk.game)
     made = environment.combine(*first)
     assert made.endswith(environment.table())
     environment.combine("1", "1")

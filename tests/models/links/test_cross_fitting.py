@@ -53,12 +53,6 @@ SHORT = ComplExConfig(dim=8, epochs=4, n3=0.1, popularity=1.0, folds=3)
 FILES = ["folds.json", "folds.safetensors"]
 
 
-@pytest.fixture(scope="module")
-def folded(opened_kitchen, tmp_path_factory):
-    """A cross-fitted ComplEx of the kitchen; read only."""
-    return train(opened_kitchen, SHORT, tmp_path_factory.mktemp("models") / "folded").folder
-
-
 @pytest.fixture
 def spoilt_folds(folded, tmp_path):
     """Copy the model with changed tensors or record of its folds."""
@@ -116,16 +110,6 @@ def test_the_record_has_each_models_rank_of_its_own_fold(folded, opened_kitchen)
     run = json.loads((folded / "run.json").read_text())
     assert run["inputs"]["folds"] == folds.hash
     assert set(FILES) < set(run["outputs"])
-
-
-def test_a_fold_is_trained_as_a_model_of_its_triples_alone(parted_kitchen, tmp_path):
-    folder = train(parted_kitchen, replace(SHORT, eval_every=1), tmp_path / "model").folder
-    triples = make_folds(parted_kitchen.split, 3).triples([1])
-    alone = fit(SHORT, triples_factory(parted_kitchen.graph, triples), lambda epoch: None)
-    graph = parted_kitchen.graph
-    expected = make_scorer(*scorer_tensors(SHORT, alone, triples), graph.entities, graph.hash)
-    left_out = load_scorer(folder).left_out(1)
-    torch.testing.assert_close(left_out.table(0), expected.table(0), rtol=0, atol=0)
 
 
 def test_embeddings_of_a_large_graph_have_folds_by_factors(folded, monkeypatch):

@@ -622,17 +622,13 @@ def test_a_path_that_is_no_knowledge_folder_and_a_weight_of_0_are_refused(opened
 OPEN = ComplExConfig(dim=8, epochs=5)
 
 
-def silent_of_regularisation(done, total):
-    """Nobody watches."""
-
-
 def opened(graph, **settings):
     return OpenedGraph(graph, make_split(graph, SplitConfig(**settings)), "here")
 
 
 @pytest.fixture(scope="module")
 def choice(opened_kitchen):
-    return choose(opened_kitchen, OPEN, silent_of_regularisation)
+    return choose(opened_kitchen, OPEN, silent)
 
 
 def test_the_most_cautious_of_the_good_combinations_is_chosen(choice):
@@ -649,8 +645,8 @@ def test_the_most_cautious_of_the_good_combinations_is_chosen(choice):
 
 
 def test_the_same_seed_chooses_the_same(opened_kitchen, choice):
-    assert choose(opened_kitchen, OPEN, silent_of_regularisation) == choice
-    assert choose(opened_kitchen, replace(OPEN, seed=7), silent_of_regularisation) != choice
+    assert choose(opened_kitchen, OPEN, silent) == choice
+    assert choose(opened_kitchen, replace(OPEN, seed=7), silent) != choice
 
 
 def test_only_train_recipes_are_held_out(opened_kitchen):
@@ -669,7 +665,7 @@ def test_a_split_by_goal_holds_out_goals_of_train(kitchen):
 
 def test_the_figures_are_those_of_a_ranking_of_what_was_held_out(opened_kitchen, monkeypatch):
     monkeypatch.setattr(fitting, "FOLDS", 1)
-    found = choose(opened_kitchen, OPEN, silent_of_regularisation)
+    found = choose(opened_kitchen, OPEN, silent)
     fold = split_of_train(opened_kitchen.split, HELD_OUT, OPEN.seed)
 
     def mrr(scorer):
@@ -698,7 +694,7 @@ def test_the_figures_are_those_of_a_ranking_of_what_was_held_out(opened_kitchen,
     ids=["n3", "popularity", "full", "another model"],
 )
 def test_what_is_given_or_does_not_exist_is_not_chosen(opened_kitchen, settings):
-    assert choose(opened_kitchen, settings, silent_of_regularisation) is None
+    assert choose(opened_kitchen, settings, silent) is None
 
 
 def test_a_large_book_chooses_its_popularity_only_on_one_fold_and_a_sample(
@@ -706,7 +702,7 @@ def test_a_large_book_chooses_its_popularity_only_on_one_fold_and_a_sample(
 ):
     monkeypatch.setattr(fitting, "SMALL", 0)
     monkeypatch.setattr(fitting, "RANKED", 40)
-    found = choose(opened_kitchen, replace(OPEN, negatives=16), silent_of_regularisation)
+    found = choose(opened_kitchen, replace(OPEN, negatives=16), silent)
     assert {(one.n3, one.popularity) for one in found.candidates} == {
         (N3_PARTIAL, p) for p in POPULARITY
     }
@@ -714,10 +710,7 @@ def test_a_large_book_chooses_its_popularity_only_on_one_fold_and_a_sample(
 
 
 def test_a_book_with_too_little_to_hold_out_keeps_the_fixed_default():
-    assert (
-        choose(opened(random_graph(num_entities=6, num_recipes=8)), OPEN, silent_of_regularisation)
-        is None
-    )
+    assert choose(opened(random_graph(num_entities=6, num_recipes=8)), OPEN, silent) is None
     once = [
         (f"a{i}", f"b{i}", f"c{i}") for i in range(40)
     ]  # nothing can be held out without losing an entity
@@ -725,7 +718,7 @@ def test_a_book_with_too_little_to_hold_out_keeps_the_fixed_default():
         choose(
             opened(RecipeGraph.from_recipes(once, name="once"), kind="none"),
             OPEN,
-            silent_of_regularisation,
+            silent,
         )
         is None
     )

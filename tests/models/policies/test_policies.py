@@ -8,6 +8,7 @@ import pytest
 import torch
 from helpers import refuses
 from hypothesis import example, given, strategies as st
+from slow_attention import SlowAttention, dot, softmax
 from small_scorers import BareScorer, normal, states as states_of
 
 from wordcraft_kg import PolicyConfig, make_sources
@@ -121,47 +122,8 @@ def same(found, expected, *, exactly=False):
 CLOSE = {"atol": 1e-5, "rtol": 1e-5}
 
 
-def dot(one, other):
-    return sum(x * y for x, y in zip(one, other, strict=True))
-
-
-def affine(matrix, vector, bias):
-    return [dot(row, vector) + b for row, b in zip(matrix, bias, strict=True)]
-
-
-def softmax(logits):
-    total = sum(math.exp(x - max(logits)) for x in logits)
-    return [math.exp(x - max(logits)) / total for x in logits]
-
-
-class Slow:
-    """A policy's formulas for a single state, on lists of floats; empty slots are left out before
-    anything else."""
-
-    def __init__(self, policy):
-        self.config, self.is_knowing = policy.config, bool(policy.sources)
-        self.p = {name: tensor.double().tolist() for name, tensor in policy.state_dict().items()}
-        x = torch.eye(SIZE) if policy.vectors.is_one_hot else policy.vectors.vectors
-        self.x = [*x.double().tolist(), [0.0] * x.shape[1]]
-
-    def alpha(self, goal, selection, row):
-        """``α_i = Q([x_g; x_s]) · K(x_i) / √d``."""
-        query = self.layer("attention.query", self.x[goal] + self.x[selection])
-        keys = [
-            [dot(weights, self.x[entity]) for weights in self.p["attention.key.weight"]]
-            for entity in row
-        ]
-        return [dot(query, key) / math.sqrt(len(query)) for key in keys]
-
-    def layer(self, name, vector):
-        return affine(self.p[f"{name}.weight"], vector, self.p[f"{name}.bias"])
-
-    def head(self, name, alpha, row):
-        """``MLP(Σ_i w_i W x_i)``, W applied to every slot."""
-        weights = softmax(alpha) if self.config.value_readout == "softmax" else alpha
-        of_slots = [[dot(w, self.x[entity]) for w in self.p[f"{name}.0.weight"]] for entity in row]
-        inner = affine(list(zip(*of_slots, strict=True)), weights, self.p[f"{name}.0.bias"])
-        return self.layer(f"{name}.2", [max(y, 0.0) for y in inner])
+class Slow(SlowAttention):
+    """With the sources of SCORER, and the multi-layer perceptron on all slots."""
 
     def sources(self, goal, selection, row):
         """α, u and v as far as they are in use."""
@@ -174,19 +136,10 @@ class Slow:
         alpha = [] if self.config.kg_only else [self.alpha(goal, selection, row)]
         return alpha + [{"u": u, "v": v}[source] for source in self.config.sources]
 
-    def lambdas(self, alpha, row):
-        """``λ = MLP(wᵀ x)``, perhaps brought to positive numbers of sum 1; or λα = 1 and numbers."""
-        if self.config.mixing == "residual":
-            return [1.0] * (not self.config.kg_only) + [1 + 30 * x for x in self.p["lambdas.step"]]
-        found = self.head("mixture", alpha, row)
-        return softmax(found) if self.config.mixing == "softmax" else found
-
     def beta(self, goal, selection, row):
-        """``β_i = λα·α_i + λu·u_i + λv·v_i``; without a scorer α_i."""
-        alpha = self.alpha(goal, selection, row)
-        if not self.is_knowing:
-            return alpha
-        sources, lambdas = self.sources(goal, selection, row), self.lambdas(alpha, row)
+        """``β_i = λα·α_i + λu·u_i + λv·v_i``."""
+        sources = self.sources(goal, selection, row)
+        lambdas = self.lambdas(self.alpha(goal, selection, row), row)
         return [dot(lambdas, [source[i] for source in sources]) for i in range(len(row))]
 
     def mlp(self, goal, selection, row):

@@ -9,7 +9,7 @@ import safetensors.torch
 import torch
 from helpers import refuses
 from link_helpers import flip_bit, global_states, random_graph
-from small_scorers import scaled_scorer
+from small_scorers import scaled_scorer, states as states_of
 from torch import Tensor
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
@@ -95,13 +95,8 @@ def plain(features="one-hot", seed=0, scorer=None, observed=GRAPH.triples, graph
     return make_policy(config, graph, SLOTS, scorer=scorer, observed=observed, seed=seed)[0]
 
 
-def states(num_entities=SIZE):
-    generator = torch.Generator().manual_seed(0)
-    table = torch.randint(num_entities + 1, (10, SLOTS), generator=generator)
-    table[:, 0] = torch.arange(10) % num_entities
-    selection = torch.randint(num_entities, (10,), generator=generator)
-    selection[::2] = num_entities
-    return torch.arange(10) % num_entities, selection, table
+def states():
+    return states_of(SIZE, 10, SLOTS)
 
 
 def assert_equal_bits(one, other):

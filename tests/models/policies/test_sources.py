@@ -18,8 +18,6 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import KGScoreObservation
 from wordcraft_kg.graphs import OUTSIDE, RELATIONS
-from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy
 from wordcraft_kg.models.policies.sources import (
@@ -195,29 +193,22 @@ def test_a_scale_without_a_fitting_table_names_those_that_do(
         make_sources(["u", "v"], Factored(SIZE), ScoreView("log-softmax"))
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """A cross-fitted ComplEx of the kitchen; read only."""
-    config = LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1, n3=0.1, folds=2))
-    return str(train_links(config, tmp_path_factory.mktemp("models") / "model").folder)
-
-
 def test_sources_that_do_not_fit_are_refused_before_the_tasks(
-    folder, tmp_path, no_tables, monkeypatch
+    folded, tmp_path, no_tables, monkeypatch
 ):
     """An agent whose sources do not fit is refused before its tasks are made."""
     monkeypatch.setattr("wordcraft_kg.agents.training.World", None)
     with pytest.raises(ConfigError, match="score table"):
-        train_agent(AgentConfig("kitchen", folder), tmp_path / "run")
+        train_agent(AgentConfig("kitchen", str(folded)), tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 
 def test_an_agent_learns_with_factors_and_its_policy_comes_back(
-    folder, tmp_path, no_tables, monkeypatch
+    folded, tmp_path, no_tables, monkeypatch
 ):
     monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 1)
     policy = PolicyConfig(scale="standardise")
-    config = AgentConfig("kitchen", folder, TaskConfig(), policy, ImpalaConfig(steps=512))
+    config = AgentConfig("kitchen", str(folded), TaskConfig(), policy, ImpalaConfig(steps=512))
     trained = train_agent(config, tmp_path / "run")
     loaded = load_policy(trained.folder)
     buffers = {"left", "right", "shift", "dropped", "itself", "fold_of_recipe"}

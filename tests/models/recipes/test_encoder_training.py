@@ -7,17 +7,21 @@ import numpy as np
 import pytest
 import torch
 from helpers import recorded, resume
-from link_helpers import contents, interrupt_after, random_graph, rewritten, same_files
-from short_fits import short_fits
+from link_helpers import (
+    contents,
+    interrupt_after,
+    random_graph,
+    rewritten,
+    same_files,
+    write_random_book,
+)
+from short_fits import assert_sources_are_restored, short_fits, words_of
 
 from wordcraft_kg import RecipeGraph, WordCraftConfig, World, load_scorer, open_graph
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig, make_split
 from wordcraft_kg.graphs.train_samples import Folds, make_folds
 from wordcraft_kg.models.knowledge.books import open_other_book
-from wordcraft_kg.models.knowledge.words import Words
-from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
-from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.recipes import config, encoder_fitting, fitting, training
 from wordcraft_kg.models.recipes.config import (
     ENCODER_FROM,
@@ -28,7 +32,6 @@ from wordcraft_kg.models.recipes.config import (
 from wordcraft_kg.models.recipes.encoder_fitting import EncoderSchedule, fit_encoders
 from wordcraft_kg.models.recipes.fitting import encoders_of, fit_recipe_scorers
 from wordcraft_kg.models.recipes.training import encoder_of_books, train_recipes
-from wordcraft_kg.models.scorers.features import EntityFeatures
 from wordcraft_kg.models.scorers.neighbours.pair_features import OF_ENCODER
 from wordcraft_kg.models.scorers.neighbours.results import results_of
 
@@ -42,15 +45,6 @@ def only_compared():
         patch.setattr(encoder_fitting, "SCHEDULE", TINY)
         patch.setattr(fitting, "RESULTS", fitting.RESULTS._replace(epochs=1, steps=4))
         yield
-
-
-@pytest.fixture(scope="module")
-def book(tmp_path_factory):
-    path = tmp_path_factory.mktemp("books") / "small.csv"
-    graph = random_graph(1, 12, 60)
-    rows = [",".join(graph.entities[entity] for entity in row) for row in graph.recipes.tolist()]
-    path.write_text("\n".join(["ingredient_a,ingredient_b,result", *rows]))
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -95,11 +89,6 @@ def test_ctrl_c_in_the_middle_of_a_fit_ends_it():
     with pytest.raises(KeyboardInterrupt):
         list(fit_encoders(folds, torch.zeros(12, 0), [()], stop=stop))
     assert len(asked) == 2
-
-
-def words_of(vectors):
-    known = np.ones(len(vectors), dtype=bool)
-    return Words.of(EntityFeatures("drawn", vectors.astype(np.float32), known, (), ()))
 
 
 def fitted(folds, words, wanted):
@@ -179,12 +168,8 @@ def test_a_known_recipe_is_the_first_result_of_its_pair():
 @pytest.fixture(scope="module")
 def other_book(book, tmp_path_factory):
     """Another book of the same labels, with two recipes that both books have."""
-    path = tmp_path_factory.mktemp("books") / "other.csv"
-    graph = random_graph(5, 12, 60)
-    rows = [",".join(graph.entities[entity] for entity in row) for row in graph.recipes.tolist()]
     shared = book.read_text().splitlines()[1:3]
-    path.write_text("\n".join(["ingredient_a,ingredient_b,result", *rows, *shared]))
-    return path
+    return write_random_book(tmp_path_factory.mktemp("books") / "other.csv", 5, shared)
 
 
 @pytest.mark.slow
@@ -214,24 +199,8 @@ def test_an_encoder_of_words_that_the_graph_does_not_use_knows_no_new_entities()
 
 
 def test_agents_score_by_the_encoders_of_their_folds_and_are_restored(trained, book):
-    scorer = load_scorer(trained)
     world = World.open(str(book), WordCraftConfig(part="train", num_distractors=2))
-    nothing = len(scorer.entities)
-    table = torch.tensor([[0, 1, 2, nothing], [1, 2, 5, nothing]])
-    states = States(
-        torch.tensor([3, 4]),
-        torch.tensor([nothing, 1]),
-        table,
-        torch.tensor([0, 1]),
-        Attempts(torch.tensor([2, 3])),
-    )
-    for full in make_sources(["w", "p"], scorer, tasks=world.tasks):
-        expected = full(states)
-        assert expected.isfinite().all()
-        restored = source_class(full.name).restored(full.num_entities, full.state_dict())
-        restored.load_state_dict(full.state_dict())
-        restored.bind(world.tasks)
-        assert torch.equal(restored(states), expected)
+    assert_sources_are_restored(load_scorer(trained), world.tasks)
 
 
 def test_results_of_a_pair_have_probabilities(trained, book):

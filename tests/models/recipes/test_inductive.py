@@ -13,7 +13,6 @@ from wordcraft_kg.models.recipes.inductive import extended, with_words
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.neighbours.links import OF_COMPONENTS, link_features
 from wordcraft_kg.models.scorers.neighbours.lists import make_lists, nearest_words
-from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 DIMENSIONS = 8
 NEW = ("naan", "muffin", "cheese cake")
@@ -82,10 +81,9 @@ def test_without_outside_knowledge_there_is_no_table_of_all_pairs(folder, scorer
 
 
 def test_links_by_outside_knowledge_are_means_over_the_nearest_words(
-    opened_kitchen, vectors, tmp_path
+    opened_kitchen, vectors, put, tmp_path
 ):
-    book = tmp_path / "other.csv"
-    book.write_text("a,b,result\nbread,tomato,bruschetta\nflour,butter,shortbread\n")
+    book = put("a,b,result\nbread,tomato,bruschetta\nflour,butter,shortbread\n", "other.csv")
     settings = RecipeScorerConfig(kg="full", folds=2, features=str(vectors), with_=(str(book),))
     config = RecipesConfig(opened_kitchen.source, settings)
     folder = train_recipes(config, tmp_path / "model").folder
@@ -185,17 +183,6 @@ def test_labels_that_are_not_new_or_not_labels_are_refused(scorer):
         extended(scorer, ["naan", " "], vectors)
     with pytest.raises(ConfigError, match=r"shape \(2, 8\); expected \(1, 8\)"):
         extended(scorer, ["naan"], vectors)
-
-
-def test_damaged_link_rankers_are_refused(scorer):
-    tensors = scorer.tensors()
-    del tensors["componentOf_second"]
-    with pytest.raises(KeyError):
-        RecipeScorer(tensors, scorer.entities, scorer.graph_hash)
-    for name in ("combinesWith_second", "componentOf_first"):
-        tensors = scorer.tensors() | {name: torch.zeros(3)}
-        with pytest.raises(ValueError, match=name):
-            RecipeScorer(tensors, scorer.entities, scorer.graph_hash)
 
 
 def test_a_model_of_built_in_vectors_places_other_words_by_glove(recipes_folder):

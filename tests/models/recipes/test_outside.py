@@ -130,11 +130,10 @@ def test_labels_of_other_books_may_lack_words_but_not_most_of_them(opened, tmp_p
     assert open_outside([other], opened, str(path), allow_missing=True).sources[0].recipes == 20
 
 
-def test_a_zero_shot_scorer_needs_words_of_its_own_labels(opened, tmp_path):
+def test_a_zero_shot_scorer_needs_words_of_its_own_labels(opened, put, tmp_path):
     """However many labels of the other book have some."""
     labels = [f"known{'x' * row}" for row in range(40)]
-    path = tmp_path / "words.txt"
-    path.write_text("\n".join(f"{label} 1 {row}" for row, label in enumerate(labels)))
+    path = put("\n".join(f"{label} 1 {row}" for row, label in enumerate(labels)), "words.txt")
     recipes = list(zip(labels, labels[1:], labels[2:], strict=False))
     settings = RecipeScorerConfig(
         kg="none", features=str(path), with_=(write_book(tmp_path / "other.csv", recipes),)

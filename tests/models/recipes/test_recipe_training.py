@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 from helpers import recorded, resume
-from link_helpers import contents, interrupt_after, random_graph, rewritten, same_files
-from short_fits import short_fits
+from link_helpers import contents, interrupt_after, rewritten, same_files
+from short_fits import assert_sources_are_restored, short_fits
 
 from wordcraft_kg import (
     RecipesConfig,
@@ -21,8 +21,6 @@ from wordcraft_kg import (
 )
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError
 from wordcraft_kg.graphs import make_folds
-from wordcraft_kg.models.knowledge.words import Words
-from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.recipes import training
 from wordcraft_kg.models.recipes.committee import (
     TABLES,
@@ -33,26 +31,14 @@ from wordcraft_kg.models.recipes.committee import (
     _set_gradients,
     fit_committee,
 )
-from wordcraft_kg.models.recipes.fitting import fit_recipe_scorers
 from wordcraft_kg.models.scorers import config, config as limits
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
-from wordcraft_kg.models.scorers.features import EntityFeatures
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 SMALL = RecipeScorerConfig(folds=3, features="one-hot")
-
-
-@pytest.fixture(scope="module")
-def book(tmp_path_factory):
-    """A book so small that a fit takes a moment."""
-    path = tmp_path_factory.mktemp("books") / "small.csv"
-    graph = random_graph(1, 12, 60)
-    rows = [",".join(graph.entities[entity] for entity in row) for row in graph.recipes.tolist()]
-    path.write_text("\n".join(["ingredient_a,ingredient_b,result", *rows]))
-    return path
 
 
 @pytest.fixture
@@ -101,16 +87,6 @@ def test_an_interrupted_run_continues_to_the_same_bytes(book, small, monkeypatch
     resume(folder)
     assert made == [(0,), (1,), (2,)]
     assert same_files(folder, small, "calibration.json")
-
-
-def words_of(vectors):
-    known = np.ones(len(vectors), dtype=bool)
-    return Words.of(EntityFeatures("drawn", vectors.astype(np.float32), known, (), ()))
-
-
-def fitted(folds, vectors, wanted):
-    fits = fit_recipe_scorers(folds, words_of(vectors), wanted)
-    return {left_out: knowledge.constants() for left_out, knowledge in fits}
 
 
 def test_the_folder_has_words_once_and_a_scorer_for_each_fold(small, book):
@@ -180,6 +156,8 @@ def test_the_scorer_of_another_fold_is_a_leak(spoilt):
         lambda tensors: tensors.__setitem__("fold1.recipes", tensors["fold1.recipes"].long()),
         lambda tensors: tensors.__setitem__("fold1.seen", torch.ones(1, 2, dtype=torch.bool)),
         lambda tensors: tensors.__setitem__("fold1.componentOf_first", torch.zeros(())),
+        lambda tensors: tensors.pop("fold1.componentOf_second"),
+        lambda tensors: tensors.__setitem__("fold1.combinesWith_second", torch.zeros(3)),
         lambda tensors: tensors.__setitem__("fold1.componentOf_table", torch.zeros(1, 2, 2).half()),
     ],
 )
@@ -219,25 +197,8 @@ def test_two_folds_are_too_few_to_leave_one_out(book, tmp_path):
 
 
 def test_w_and_p_score_tables_and_are_restored_from_their_constants(small, book):
-    from wordcraft_kg.models.policies.sources.registry import source_class
-
-    scorer = load_scorer(small)
     world = World.open(str(book), WordCraftConfig(part="train", num_distractors=2))
-    nothing = len(scorer.entities)
-    goal = torch.tensor([3, 4])
-    table = torch.tensor([[0, 1, 2, nothing], [1, 2, 5, nothing]])
-    attempts = Attempts(torch.tensor([2, 3]))
-    states = States(goal, torch.tensor([nothing, 1]), table, torch.tensor([0, 1]), attempts)
-    for full in make_sources(["w", "p"], scorer, tasks=world.tasks):
-        expected = full(states)
-        assert expected.isfinite().all()
-        restored = source_class(full.name).restored(full.num_entities, full.state_dict())
-        restored.load_state_dict(full.state_dict())
-        restored.bind(world.tasks)
-        assert torch.equal(restored(states), expected)
-        one = States(goal[:1], torch.tensor([nothing]), table[:1], torch.tensor([0]))
-        one = one._replace(attempts=Attempts(torch.tensor([2])))
-        assert len(full.evidence(one)) == 4
+    assert_sources_are_restored(load_scorer(small), world.tasks)
 
 
 def test_candidates_of_a_plan_begin_with_the_results_of_known_recipes(small):

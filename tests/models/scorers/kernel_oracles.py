@@ -1,12 +1,9 @@
 """Slow references for the recipe kernel: loops that follow the formulas word by word."""
 
 import math
-from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
-
-Recipes = Sequence[Sequence[int]]
 
 
 def slow_profiles(recipes, size):

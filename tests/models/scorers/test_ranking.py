@@ -14,7 +14,7 @@ from pykeen.evaluation import RankBasedEvaluator
 from small_scorers import table_scorer
 
 from wordcraft_kg.base import ArtefactError, as_values
-from wordcraft_kg.base.statistics import bootstrap, interval
+from wordcraft_kg.base.statistics import interval
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples, triple_keys
 from wordcraft_kg.models.links.builders import scorer_tensors
@@ -223,32 +223,6 @@ def test_groups_of_triples_are_the_first_groups_that_give_them(
         assert group == min(giving)
     if kind == "by-recipe":
         assert found == slow_clusters(graph, chosen, triples)
-
-
-CONSTANT = ([0.3] * 20, np.arange(20) // 3, {0.3})
-MIXED = [0.0, 1.0, 0.0, 1.0]
-
-
-@pytest.mark.parametrize(
-    ("values", "clusters", "means"),
-    [
-        CONSTANT,
-        (MIXED, [7, 7, 7, 7], {0.5}),
-        (MIXED, [3, 3, 8, 8], {0.5}),
-        (MIXED, [3, 8, 3, 8], {0.0, 0.5, 1.0}),
-    ],
-)
-def test_the_bootstrap_resamples_whole_clusters(values, clusters, means):
-    found = bootstrap(np.array(values), np.array(clusters), resamples=50)
-    assert len(found) == 50
-    assert set(found.round(9)) == means
-
-
-def test_the_bootstrap_weighs_clusters_by_their_size():
-    # One cluster of one zero and one of three ones: the means of the four draws of two clusters.
-    means = bootstrap(np.array([0.0, 1.0, 1.0, 1.0]), np.array([0, 1, 1, 1]), resamples=400)
-    assert set(means) == {0.0, 0.75, 1.0}
-    assert np.mean(means == 0.75) == pytest.approx(0.5, abs=0.1)
 
 
 def test_an_interval_leaves_out_half_the_rest_on_each_side():

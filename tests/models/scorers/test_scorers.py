@@ -370,14 +370,6 @@ def test_a_flipped_bit_or_a_cut_names_the_file(spoilt, name, damage):
         load_scorer(folder)
 
 
-@pytest.mark.parametrize("name", [*PARTS, "run.json"])
-def test_a_missing_file_is_an_artefact_error_that_names_it(spoilt, name):
-    folder, path = spoilt(name)
-    path.unlink()
-    with pytest.raises(ArtefactError, match=rf"{name} is missing|has none of .*{name}"):
-        load_scorer(folder)
-
-
 def test_a_table_of_any_strides_scores_like_a_plain_one():
     scores = torch.randn(len(RELATIONS), SIZE, SIZE).transpose(1, 2)
     assert not scores.is_contiguous()

@@ -599,7 +599,7 @@ def test_labels_that_stand_for_nothing_are_named(put):
     ("cell", "says"),
     [(", wall, ", "the label '' is blank"), ("[stone, wall]x, [lava]", "leave its brackets out")],
 )
-def test_a_cell_without_brackets_is_not_refused_for_them(put_of_cells, cell, says):
-    path = put_of_cells(f"ingredients;result\nwater, earth;mud\n{cell};house\n")
+def test_a_cell_without_brackets_is_not_refused_for_them(put, cell, says):
+    path = put(f"ingredients;result\nwater, earth;mud\n{cell};house\n")
     first_finding, *_ = check_book(path, delimiter=";").findings
     assert says in first_finding.message

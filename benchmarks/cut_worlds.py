@@ -23,7 +23,7 @@ import numpy as np
 from wordcraft_kg.base.errors import ConfigError, WordCraftKGError
 from wordcraft_kg.base.settings import whole
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import default_split, write_graph_folder
+from wordcraft_kg.graphs.graph_folder import default_split, write_graph_folder
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph

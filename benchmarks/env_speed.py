@@ -21,11 +21,11 @@ import numpy as np
 
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.envs.batch import BatchEngine, State
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import make_split, open_graph
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.graph_folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import make_tasks
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "envs"))

@@ -41,14 +41,15 @@ from wordcraft_kg.base.statistics import paired_difference, wilson_interval
 from wordcraft_kg.envs.draws import EvaluationTables
 from wordcraft_kg.evaluation.ranked_sets import RankedSets, rank_sets
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import write_graph_folder
+from wordcraft_kg.graphs.graph_folder import write_graph_folder
 from wordcraft_kg.graphs.library import open_book, published_fold
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import read_published_split
 from wordcraft_kg.graphs.triples import COMPONENT_OF
-from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-from wordcraft_kg.models.links.training import train_links
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.links.link_config import ComplExConfig, LinksConfig
+from wordcraft_kg.models.links.link_training import train_links
+from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.recipe_training import train_recipes
 from wordcraft_kg.models.recipes.set_fitting import (
     Candidates,
     candidates_of,
@@ -56,7 +57,6 @@ from wordcraft_kg.models.recipes.set_fitting import (
     fit_order,
 )
 from wordcraft_kg.models.recipes.set_training import rows_of_sets
-from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.sets.formulas import parse_formula
 from wordcraft_kg.models.scorers.sets.knowledge import Flags, GoalEvidence, SetKnowledge, Vector

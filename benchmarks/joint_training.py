@@ -19,7 +19,7 @@ from typing import Any
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.cli import main as run_command
 from wordcraft_kg.graphs import open_graph
-from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.models.links.link_config import ComplExConfig
 
 WEIGHTS = (0.0, ComplExConfig().outside_weight)
 

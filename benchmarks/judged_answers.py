@@ -18,11 +18,11 @@ from pathlib import Path
 import torch
 
 from wordcraft_kg.cli.console import aligned
-from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.graphs.graph_folder import open_graph
 from wordcraft_kg.graphs.triples import COMPONENT_OF
 from wordcraft_kg.models.scorers.baselines import VoteScorer
 from wordcraft_kg.models.scorers.features import glove_features
-from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 
 JUDGED = Path(__file__).parents[1] / "data/everyday/judged.csv"
 PAIRS, SEED = 300, 20261124

@@ -34,14 +34,14 @@ import torch
 from wordcraft_kg.agents.evaluation import play_all
 from wordcraft_kg.agents.players import BEST_PAIR, fact_recipes, pair_player, scorer_players
 from wordcraft_kg.base.artefacts import write_atomically
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import RecipeBook, RecipeGraph, Split, SplitConfig, make_split, open_book
-from wordcraft_kg.graphs.folder import OpenedGraph, write_graph_folder
+from wordcraft_kg.graphs.graph_folder import OpenedGraph, write_graph_folder
 from wordcraft_kg.graphs.train_samples import make_folds
 from wordcraft_kg.models.knowledge.words import Words
-from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-from wordcraft_kg.models.links.training import TrainedLinks, train_links
+from wordcraft_kg.models.links.link_config import ComplExConfig, LinksConfig
+from wordcraft_kg.models.links.link_training import TrainedLinks, train_links
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorers
 from wordcraft_kg.models.scorers.baselines import (
     FrequencyScorer,
@@ -51,11 +51,11 @@ from wordcraft_kg.models.scorers.baselines import (
     VoteScorer,
 )
 from wordcraft_kg.models.scorers.features import glove_features, make_features
-from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes, near_synonym_triples
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.ranking import rank_triples, ranking_metrics
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 
 WEIGHTS = (0.05, 0.075, 0.1, 0.125, 0.2)
 RATES = (0.1, 0.2)

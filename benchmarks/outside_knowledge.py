@@ -26,27 +26,27 @@ import torch
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from wordcraft_kg.agents.agent_config import AgentConfig, ImpalaConfig
 from wordcraft_kg.agents.agent_folder import open_agent
-from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
+from wordcraft_kg.agents.agent_training import train_agent
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.players import scorer_players
-from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.base.statistics import paired_difference, student_interval
 from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import SplitConfig, open_book, open_graph
-from wordcraft_kg.graphs.folder import OpenedGraph, write_graph_folder
+from wordcraft_kg.graphs.graph_folder import OpenedGraph, write_graph_folder
 from wordcraft_kg.graphs.train_samples import make_folds
-from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.knowledge.books import OtherBook, open_other_book
 from wordcraft_kg.models.knowledge.outside import join_books, open_outside
 from wordcraft_kg.models.knowledge.words import Words, word_features, words_of_books
-from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.model_folder import open_model
+from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorers
-from wordcraft_kg.models.recipes.training import encoder_of_books, train_recipes
+from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.recipe_training import encoder_of_books, train_recipes
 from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder

@@ -18,10 +18,10 @@ import numpy as np
 import torch
 
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
-from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.graphs.graph_folder import open_graph
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
-from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 
 FIRST = (1, 5, 32)
 """Ranks up to which the share of pairs is counted."""

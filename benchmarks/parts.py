@@ -37,7 +37,7 @@ from wordcraft_kg.agents.players import (
     words_player,
 )
 from wordcraft_kg.base.statistics import crossed_difference, rate_interval
-from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.models.model_folder import open_model
 from wordcraft_kg.models.scorers.features import glove_features
 
 STEPS = 350_000

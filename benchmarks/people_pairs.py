@@ -26,13 +26,13 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError, Word
 from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, interval
 from wordcraft_kg.cli.console import aligned
 from wordcraft_kg.graphs.book_files import recipe_table
-from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.graphs.graph_folder import open_graph
 from wordcraft_kg.graphs.library import cache_folder, data_folder, fetch_file
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
-from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 
 FILE = "validation_behavior.json"
 COMMIT = "8f6537658d2902fca48aa03227ae38f27c14b6dd"

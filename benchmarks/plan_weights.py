@@ -24,17 +24,17 @@ from typing import Any
 import numpy as np
 import torch
 
+from wordcraft_kg.agents.agent_config import TaskConfig
 from wordcraft_kg.agents.agent_folder import open_agent
-from wordcraft_kg.agents.config import TaskConfig
 from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
 from wordcraft_kg.agents.plan_weights import TASKS, fit_plan_weights
 from wordcraft_kg.agents.players import knowledge_player
 from wordcraft_kg.base.statistics import paired_difference
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.graphs.graph_folder import open_graph
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
-from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 from wordcraft_kg.planning.search import FEATURES
 from wordcraft_kg.planning.source import BestPlan
 

@@ -32,13 +32,13 @@ from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.base.statistics import paired_difference, task_bootstrap
 from wordcraft_kg.envs.batch import BatchEngine, State
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.graph_folder import OpenedGraph, open_graph
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
-from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 from wordcraft_kg.planning import search
 from wordcraft_kg.planning.source import BestPlan
 

@@ -25,20 +25,20 @@ from sb3_contrib import MaskablePPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, Preset, TaskConfig
+from wordcraft_kg.agents.agent_config import AgentConfig, ImpalaConfig, Preset, TaskConfig
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.sb3 import MaskableSB3Policy
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.envs.wrappers import TaskObservation
-from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.policies.folder import make_policy
+from wordcraft_kg.graphs.graph_folder import open_graph
+from wordcraft_kg.models.model_folder import open_model
 from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.models.policies.policy_config import PolicyConfig
+from wordcraft_kg.models.policies.policy_folder import make_policy
 
 SHARE = 0.95
 ENVS = 64

@@ -26,16 +26,16 @@ from synthetic_book import synthetic_rows
 
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.graphs import RecipeGraph, Split, SplitConfig, make_split, open_book
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.graph_folder import OpenedGraph
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.models.links.builders import scorer_tensors
-from wordcraft_kg.models.links.config import ComplExConfig
 from wordcraft_kg.models.links.fitting import choose, fit
+from wordcraft_kg.models.links.link_config import ComplExConfig
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
-from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, mean_reciprocal_rank, rank_triples
+from wordcraft_kg.models.scorers.scorer_folder import make_scorer
 
 SIZES = (100, 200, 500, 900)
 

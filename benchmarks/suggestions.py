@@ -28,7 +28,7 @@ from wordcraft_kg.evaluation.likely_recipes import PAIRS, RecipeFinder
 from wordcraft_kg.evaluation.suggestions import open_suggesting, varied
 from wordcraft_kg.graphs.arrays import Ids, are_among, recipe_keys
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
-from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.models.model_folder import open_model
 from wordcraft_kg.models.scorers.scorer import Scorer
 
 FIRST = (20, 100)

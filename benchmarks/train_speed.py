@@ -32,20 +32,20 @@ from pathlib import Path
 import torch
 from torch import nn
 
-from wordcraft_kg.agents.config import ImpalaConfig
+from wordcraft_kg.agents.agent_config import ImpalaConfig
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.losses import baseline_loss, entropy, policy_gradient_loss, v_trace
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.envs.batch import BatchEngine, State
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.policies.folder import make_policy
+from wordcraft_kg.envs.world_config import WordCraftConfig
+from wordcraft_kg.graphs.graph_folder import OpenedGraph, open_graph
+from wordcraft_kg.models.policies.policy_config import PolicyConfig
+from wordcraft_kg.models.policies.policy_folder import make_policy
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.features import make_features
-from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 
 
 def ours(

@@ -34,17 +34,17 @@ from wordcraft_kg.agents.players import (
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, open_graph
-from wordcraft_kg.graphs.folder import OpenedGraph, write_graph_folder
-from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.graphs.graph_folder import OpenedGraph, write_graph_folder
 from wordcraft_kg.models.model import Model
+from wordcraft_kg.models.model_folder import open_model
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.recipes.committee import fit_committee
-from wordcraft_kg.models.recipes.config import RecipesConfig
 from wordcraft_kg.models.recipes.fitting import drawn_tables, table_examples
-from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.recipes.recipe_config import RecipesConfig
+from wordcraft_kg.models.recipes.recipe_training import train_recipes
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.neighbours.pair_features import (

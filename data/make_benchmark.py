@@ -28,10 +28,10 @@ from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.apps.text_agents.submission import SCHEMA, submission_schema
 from wordcraft_kg.base.artefacts import dump_json
 from wordcraft_kg.base.records import as_values
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.draws import EvaluationTables
 from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.graphs.splits import SplitConfig
 

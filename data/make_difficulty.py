@@ -30,7 +30,7 @@ from wordcraft_kg.agents.players import words_player
 from wordcraft_kg.apps.text_agents.benchmark_players import best_player
 from wordcraft_kg.apps.text_agents.difficulty import COLUMNS, FILE, TABLES, task_keys
 from wordcraft_kg.base.artefacts import write_atomically
-from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.models.model_folder import open_model
 
 WORLDS = (("by-recipe", 1), ("by-recipe", 2), ("by-goal", 1))
 """Splits and depths of the benchmark's tracks."""

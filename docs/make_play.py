@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.artefacts import write_atomically
-from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.graphs.graph_folder import open_graph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.scorers.features import make_features
 

@@ -21,7 +21,7 @@ from wordcraft_kg import (
     train_links,
 )
 from wordcraft_kg.agents.evaluation import Evaluation
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.graph_folder import OpenedGraph
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.scorers.scorer import Scorer
 

@@ -20,8 +20,8 @@ import torch
 from torch import Tensor, nn
 
 from wordcraft_kg.envs.batch import BatchEngine, State
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.scorers.features import make_features
 

@@ -14,11 +14,11 @@ from typing import Any, ClassVar
 import torch
 
 from wordcraft_kg import open_model
-from wordcraft_kg.graphs.folder import KG, OpenedGraph
-from wordcraft_kg.models.folder import MODELS
+from wordcraft_kg.graphs.graph_folder import KG, OpenedGraph
 from wordcraft_kg.models.model import History
-from wordcraft_kg.models.scorers.folder import write_scorer
+from wordcraft_kg.models.model_folder import MODELS
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
+from wordcraft_kg.models.scorers.scorer_folder import write_scorer
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.config_file import RunConfig
 from wordcraft_kg.runs.record import RunFiles

@@ -8,7 +8,7 @@ import torch
 from wordcraft_kg import AgentConfig, ImpalaConfig, TaskConfig, open_graph, save_scorer, train_agent
 from wordcraft_kg.evaluation.links import view_links
 from wordcraft_kg.evaluation.ranked_links import rank_links
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.graph_folder import OpenedGraph
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.scorer import Scorer
 

@@ -31,8 +31,8 @@ from wordcraft_kg import (
 )
 from wordcraft_kg.agents.sb3 import MaskableSB3Policy
 from wordcraft_kg.envs.wrappers import TaskObservation
-from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.models.policies.policy_folder import make_policy
 
 
 def main() -> None:

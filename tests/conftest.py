@@ -322,8 +322,8 @@ def parted_kitchen(parted_folder):
 @pytest.fixture(scope="session")
 def recipes_folder(made_once):
     """A recipe scorer of the kitchen with three folds; read only."""
-    from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-    from wordcraft_kg.models.recipes.training import train_recipes
+    from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
+    from wordcraft_kg.models.recipes.recipe_training import train_recipes
 
     config = RecipesConfig("kitchen", RecipeScorerConfig(folds=3))
     return made_once("kitchen-recipes", lambda out: train_recipes(config, out))
@@ -332,7 +332,7 @@ def recipes_folder(made_once):
 @pytest.fixture(scope="session")
 def cross_fitted(recipes_folder):
     """This scorer, loaded."""
-    from wordcraft_kg.models.scorers.folder import load_scorer
+    from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 
     return load_scorer(recipes_folder)
 
@@ -358,9 +358,9 @@ def forget_plugins(monkeypatch):
     """Return a function that forgets all plugins, as another process does; at the end, too."""
     from wordcraft_kg.agents.players import PLAYERS
     from wordcraft_kg.base import registry
-    from wordcraft_kg.envs.config import REWARDS
+    from wordcraft_kg.envs.world_config import REWARDS
     from wordcraft_kg.graphs.splits import SPLITS
-    from wordcraft_kg.models.policies.config import POLICIES
+    from wordcraft_kg.models.policies.policy_config import POLICIES
     from wordcraft_kg.models.policies.sources import SOURCES
 
     registries = (POLICIES, SOURCES, REWARDS, SPLITS, PLAYERS)

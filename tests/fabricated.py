@@ -1,6 +1,6 @@
 """Results of studies that nobody has played."""
 
-from wordcraft_kg.graphs.folder import PlayedGraph
+from wordcraft_kg.graphs.graph_folder import PlayedGraph
 from wordcraft_kg.studies.results import RunResult, StudyResults
 from wordcraft_kg.studies.study import Study
 

@@ -74,12 +74,12 @@ def refuses(setting, error=ConfigError):
 
 def resume(folder, *, graph=None, **options):
     """Train into a run folder again; ``graph`` is the present path of a moved graph."""
-    from wordcraft_kg.agents.config import AgentConfig
-    from wordcraft_kg.agents.training import train_agent
-    from wordcraft_kg.models.links.config import LinksConfig
-    from wordcraft_kg.models.links.training import train_links
-    from wordcraft_kg.models.recipes.config import RecipesConfig
-    from wordcraft_kg.models.recipes.training import train_recipes
+    from wordcraft_kg.agents.agent_config import AgentConfig
+    from wordcraft_kg.agents.agent_training import train_agent
+    from wordcraft_kg.models.links.link_config import LinksConfig
+    from wordcraft_kg.models.links.link_training import train_links
+    from wordcraft_kg.models.recipes.recipe_config import RecipesConfig
+    from wordcraft_kg.models.recipes.recipe_training import train_recipes
     from wordcraft_kg.runs.record import read_run
 
     trainers = {AgentConfig: train_agent, LinksConfig: train_links, RecipesConfig: train_recipes}

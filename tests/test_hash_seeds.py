@@ -71,8 +71,8 @@ def discovery():
 
 
 def link_models():
-    from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-    from wordcraft_kg.models.links.training import train_links
+    from wordcraft_kg.models.links.link_config import ComplExConfig, LinksConfig
+    from wordcraft_kg.models.links.link_training import train_links
 
     trained = train_links(
         LinksConfig("kitchen", ComplExConfig(dim=8, epochs=5, n3=0.1, folds=0)), Path("model")

@@ -29,9 +29,9 @@ from wordcraft_kg import (
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.base import ConfigError, NotRegisteredError, registry, settings, sha256_of
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
-from wordcraft_kg.envs.config import REWARDS
+from wordcraft_kg.envs.world_config import REWARDS
 from wordcraft_kg.graphs.splits import SPLITS
-from wordcraft_kg.models.policies.folder import make_policy
+from wordcraft_kg.models.policies.policy_folder import make_policy
 from wordcraft_kg.runs.record import read_run
 from wordcraft_kg.studies.plan import make_plan
 from wordcraft_kg.studies.study import Study, parse_study

@@ -26,7 +26,7 @@ def policy(name: str) -> Callable[[T], T]:
     ``forward(states, vectors) -> (logits, value)``; shapes are those of
     :class:`~wordcraft_kg.models.policies.networks.NetworkPolicy`, which takes no dropout.
     """
-    from wordcraft_kg.models.policies.config import POLICIES
+    from wordcraft_kg.models.policies.policy_config import POLICIES
 
     return _adding(POLICIES, name, lambda thing: _called(name, thing, "dim"))
 
@@ -61,7 +61,7 @@ def reward(name: str) -> Callable[[T], T]:
     :class:`~wordcraft_kg.envs.batch.State`, and its :class:`~wordcraft_kg.envs.batch.Step`, whose
     own reward is 1 for the goal; shape (N,). Evaluations count goals, whatever the reward.
     """
-    from wordcraft_kg.envs.config import REWARDS
+    from wordcraft_kg.envs.world_config import REWARDS
 
     arguments = ("before", "after", "step")
     return _adding(REWARDS, name, lambda thing: _called(name, thing, *arguments))

@@ -12,7 +12,7 @@ from pykeen.datasets import dataset_resolver
 from pykeen.datasets.base import EagerDataset
 
 from wordcraft_kg.base.errors import SplitError
-from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.graphs.graph_folder import open_graph
 
 
 class WordCraft(EagerDataset):

@@ -24,20 +24,20 @@ def make_folders(home):
 
     from tests.short_fits import short_fits
     from wordcraft_kg import open_graph, save_policy, save_scorer
-    from wordcraft_kg.envs.config import WordCraftConfig
     from wordcraft_kg.envs.world import World
-    from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-    from wordcraft_kg.models.links.training import train_links
-    from wordcraft_kg.models.policies.config import PolicyConfig
-    from wordcraft_kg.models.policies.folder import make_policy
+    from wordcraft_kg.envs.world_config import WordCraftConfig
+    from wordcraft_kg.models.links.link_config import ComplExConfig, LinksConfig
+    from wordcraft_kg.models.links.link_training import train_links
+    from wordcraft_kg.models.policies.policy_config import PolicyConfig
+    from wordcraft_kg.models.policies.policy_folder import make_policy
     from wordcraft_kg.models.policies.sources import registry
-    from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
     from wordcraft_kg.models.recipes.encoder_fitting import EncoderSchedule, fit_encoder
-    from wordcraft_kg.models.recipes.training import train_recipes
+    from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
+    from wordcraft_kg.models.recipes.recipe_training import train_recipes
     from wordcraft_kg.models.scorers.baselines import FrequencyScorer
-    from wordcraft_kg.models.scorers.folder import load_scorer
     from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
     from wordcraft_kg.models.scorers.recipes import RecipeScorer
+    from wordcraft_kg.models.scorers.scorer_folder import load_scorer
     from wordcraft_kg.planning.search import FEATURES, MAX_ATTEMPTS
 
     opened = open_graph("kitchen")
@@ -47,7 +47,7 @@ def make_folders(home):
         recipes = RecipesConfig("kitchen", RecipeScorerConfig(folds=3))
         train_recipes(recipes, home / "recipes")
     # Embeddings, and not a table of their scores.
-    with patch("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 1):
+    with patch("wordcraft_kg.models.scorers.score_limits.TABLE_LIMIT", 1):
         scorers = {name: load_scorer(home / name) for name in ("complex", "recipes")}
     known = scorers["recipes"].whole.knowledge
     generator = torch.Generator().manual_seed(0)
@@ -77,7 +77,9 @@ def make_folders(home):
         with ExitStack() as stack:
             if "lists" in name or "factors" in name:
                 stack.enter_context(patch.object(registry, "TABLE_LIMIT", 1))
-                stack.enter_context(patch("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 1))
+                stack.enter_context(
+                    patch("wordcraft_kg.models.scorers.score_limits.TABLE_LIMIT", 1)
+                )
             config = PolicyConfig(**{"self_edges": "drop", **sizes, **settings})
             chosen = scorers[scorer] if scorer else None
             policy, _ = make_policy(config, opened.graph, 5, scorer=chosen, tasks=world.tasks)
@@ -186,8 +188,8 @@ def _ask_policy(folder):
 
     from wordcraft_kg import load_policy, open_graph
     from wordcraft_kg.base.errors import GraphMismatchError
-    from wordcraft_kg.envs.config import WordCraftConfig
     from wordcraft_kg.envs.world import World
+    from wordcraft_kg.envs.world_config import WordCraftConfig
     from wordcraft_kg.models.policies.states import Attempts, States
 
     policy = load_policy(folder)
@@ -226,8 +228,8 @@ def _ask_scorer(folder):
     import torch
 
     from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
-    from wordcraft_kg.models.scorers.folder import load_scorer
     from wordcraft_kg.models.scorers.recipes import RecipeScorer
+    from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 
     loaded = load_scorer(folder)
     scorers = [loaded]

@@ -15,10 +15,10 @@ from .harness import call
 def make_home(home):
     """Make a graph, and on it models and agents, finished and interrupted, and a
     study with people."""
-    from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
-    from wordcraft_kg.agents.training import train_agent
-    from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
-    from wordcraft_kg.models.links.training import train_links
+    from wordcraft_kg.agents.agent_config import AgentConfig, ImpalaConfig, TaskConfig
+    from wordcraft_kg.agents.agent_training import train_agent
+    from wordcraft_kg.models.links.link_config import ComplExConfig, LinkModelConfig, LinksConfig
+    from wordcraft_kg.models.links.link_training import train_links
 
     graph = str(write_graph(home / "graph", train_ratio=0.6, valid_ratio=0.1))
     links = LinksConfig(graph, ComplExConfig(dim=4, epochs=3, n3=0.1, folds=2, checkpoint_every=1))
@@ -57,8 +57,8 @@ def make_home(home):
 
 def _make_study(home):
     """Make a study that two people have begun."""
-    from wordcraft_kg.apps.people.config import StudyConfig
     from wordcraft_kg.apps.people.study import HumanStudy, kept_answers
+    from wordcraft_kg.apps.people.study_config import StudyConfig
 
     study = HumanStudy(home / "graph", StudyConfig(tasks=3, distractors=(1, 2), forms=2))
     with kept_answers(home / "study", study) as answers:

@@ -11,7 +11,7 @@ import pandas as pd
 from wordcraft_kg import open_graph
 from wordcraft_kg.graphs import Planner
 from wordcraft_kg.graphs.export import to_networkx, triples_frame
-from wordcraft_kg.graphs.folder import entities_frame
+from wordcraft_kg.graphs.graph_folder import entities_frame
 
 opened = open_graph("everyday")
 graph, split = opened.graph, opened.split

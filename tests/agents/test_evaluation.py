@@ -9,9 +9,9 @@ import torch
 
 from wordcraft_kg import PolicyConfig, WordCraftConfig, World
 from wordcraft_kg.agents import evaluation
+from wordcraft_kg.agents.agent_records import TERMINATION_REASONS
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer, player_of
 from wordcraft_kg.agents.players import random_entity, recipe_oracle
-from wordcraft_kg.agents.records import TERMINATION_REASONS
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.base.statistics import task_bootstrap
@@ -20,7 +20,7 @@ from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.draws import EVALUATION_SEED
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.evaluation.agents import view_baselines
-from wordcraft_kg.models.policies.folder import make_policy
+from wordcraft_kg.models.policies.policy_folder import make_policy
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 

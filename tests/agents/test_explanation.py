@@ -24,7 +24,7 @@ from wordcraft_kg.envs import draws
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.draws import EVALUATION_SEED
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
-from wordcraft_kg.models.policies.folder import make_policy
+from wordcraft_kg.models.policies.policy_folder import make_policy
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 

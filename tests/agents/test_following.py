@@ -24,8 +24,8 @@ from wordcraft_kg import (
     train_links,
 )
 from wordcraft_kg.agents.agent_folder import read_agent_run
+from wordcraft_kg.agents.agent_records import read_episodes
 from wordcraft_kg.agents.following import FollowedRun
-from wordcraft_kg.agents.records import read_episodes
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
 
 CONFIG = AgentConfig(

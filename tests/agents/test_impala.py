@@ -32,8 +32,8 @@ from wordcraft_kg.agents.impala import LOSSES, Impala, check_compiler
 from wordcraft_kg.agents.losses import Successes, led_to_goals, v_trace
 from wordcraft_kg.base.errors import ConfigError, TrainingError
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
-from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.policy import PolicyOutput
+from wordcraft_kg.models.policies.policy_folder import make_policy
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 

@@ -17,13 +17,13 @@ from wordcraft_kg import (
     make_sources,
     save_policy,
 )
+from wordcraft_kg.agents.agent_training import AgentTraining
 from wordcraft_kg.agents.plan_weights import (
     _right_pairs,
     fit_plan_weights,
     planner_weights,
 )
 from wordcraft_kg.agents.states import states_of
-from wordcraft_kg.agents.training import AgentTraining
 from wordcraft_kg.base.errors import ConfigError, LeakError
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.models.policies.sources.source import ScoreView
@@ -180,7 +180,7 @@ def test_an_agent_learns_weights_before_it_trains_and_keeps_them(
         learned.append(fit_plan_weights(*args, **options, tasks=40))
         return learned[-1]
 
-    monkeypatch.setattr("wordcraft_kg.agents.training.fit_plan_weights", fitted)
+    monkeypatch.setattr("wordcraft_kg.agents.agent_training.fit_plan_weights", fitted)
     training = AgentTraining(config, opened)
     training.prepare()
     save_policy(tmp_path / "policy", training.policy)
@@ -191,7 +191,7 @@ def test_an_agent_learns_weights_before_it_trains_and_keeps_them(
     restored.bind(training.envs.world.tasks)
     assert torch.equal(restored(states), training.policy.sources["p"](states))
 
-    monkeypatch.setattr("wordcraft_kg.agents.training.fit_plan_weights", None)
+    monkeypatch.setattr("wordcraft_kg.agents.agent_training.fit_plan_weights", None)
     paper = AgentTraining(config_of(recipes_folder, preset="paper"), opened)
     paper.prepare()
     assert not paper.policy.sources["p"].is_weighed

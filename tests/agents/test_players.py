@@ -17,7 +17,8 @@ from wordcraft_kg import (
     make_split,
     open_graph,
 )
-from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.agent_config import AgentConfig, ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.agent_training import AgentTraining
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer, play_all
 from wordcraft_kg.agents.explanation import Explainer
 from wordcraft_kg.agents.players import (
@@ -34,12 +35,11 @@ from wordcraft_kg.agents.players import (
     words_player,
 )
 from wordcraft_kg.agents.states import states_of
-from wordcraft_kg.agents.training import AgentTraining
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, LeakError
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph
-from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_policy
+from wordcraft_kg.models.policies.policy_config import PolicyConfig
+from wordcraft_kg.models.policies.policy_folder import load_policy, make_policy, save_policy
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.cross_fitting import whole_of

@@ -13,7 +13,7 @@ import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg import PolicyConfig, WordCraftConfig, World, open_graph
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.base.errors import ActionError, ConfigError, MissingExtraError
-from wordcraft_kg.models.policies.folder import make_policy
+from wordcraft_kg.models.policies.policy_folder import make_policy
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 

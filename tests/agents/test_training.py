@@ -26,11 +26,11 @@ from wordcraft_kg import (
     open_graph,
     train_agent,
 )
-from wordcraft_kg.agents import training
-from wordcraft_kg.agents.config import TABLES
+from wordcraft_kg.agents import agent_training
+from wordcraft_kg.agents.agent_config import TABLES
+from wordcraft_kg.agents.agent_training import AgentTraining, _warn_of_self_pairs
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.plan_weights import fit_plan_weights
-from wordcraft_kg.agents.training import AgentTraining, _warn_of_self_pairs
 from wordcraft_kg.base import (
     ArtefactError,
     ConfigError,
@@ -38,10 +38,10 @@ from wordcraft_kg.base import (
     TrainingError,
     sha256_of,
 )
-from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-from wordcraft_kg.models.links.training import train_links
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.links.link_config import ComplExConfig, LinksConfig
+from wordcraft_kg.models.links.link_training import train_links
+from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.recipe_training import train_recipes
 
 
 @pytest.fixture
@@ -493,9 +493,9 @@ def test_no_scorer_depends_on_held_out_results(request, graphs, kind):
 )
 def test_no_agent_depends_on_held_out_results(graphs, scorer, use, request, tmp_path, monkeypatch):
     """With p there are weights of plans, which are learned from play."""
-    monkeypatch.setattr(training, "MOST_TASKS", 20)
-    monkeypatch.setattr(training, "CURVE_TASKS", 20)
-    monkeypatch.setattr(training, "fit_plan_weights", partial(fit_plan_weights, tasks=100))
+    monkeypatch.setattr(agent_training, "MOST_TASKS", 20)
+    monkeypatch.setattr(agent_training, "CURVE_TASKS", 20)
+    monkeypatch.setattr(agent_training, "fit_plan_weights", partial(fit_plan_weights, tasks=100))
     folders = []
     for i, graph in enumerate(graphs):
         trainer = ImpalaConfig(steps=256, batch_size=16, tables=32, log_every=64)

@@ -19,7 +19,7 @@ from wordcraft_kg.base import (
     records,
     schema_of,
 )
-from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.models.links.link_config import ComplExConfig
 
 
 class Row(Record, omit_defaults=True):

@@ -230,7 +230,7 @@ def test_a_nul_character_in_an_option_or_a_config_file_is_refused(refused, tmp_p
 def test_an_output_that_exists_is_refused_before_torch_is_imported(
     refused, command, tmp_path, monkeypatch
 ):
-    for module in ("wordcraft_kg.models.links.training", "wordcraft_kg.agents.training"):
+    for module in ("wordcraft_kg.models.links.link_training", "wordcraft_kg.agents.agent_training"):
         monkeypatch.setitem(sys.modules, module, None)
     (tmp_path / "something").touch()
     refused(command, "kitchen", "--out", tmp_path, says=str(tmp_path), kind="OutputExistsError")

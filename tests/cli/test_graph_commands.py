@@ -318,7 +318,7 @@ def interrupt(*arguments):
 
 @pytest.mark.parametrize("where", ["audit", "triple_lines", "write_atomically"])
 def test_an_interrupted_build_leaves_nothing_half_written(not_built, run, out, monkeypatch, where):
-    monkeypatch.setattr(f"wordcraft_kg.graphs.folder.{where}", interrupt)
+    monkeypatch.setattr(f"wordcraft_kg.graphs.graph_folder.{where}", interrupt)
     not_built("kitchen", says="interrupted; nothing was written", codes=(130,))
     before = contents(out)
     assert run("build-graph", "kitchen", "--out", out / "new" / "parents" / "kitchen").code == 130

@@ -10,7 +10,7 @@ from quick import QUICK
 
 from wordcraft_kg.evaluation.scores import parse_query
 from wordcraft_kg.graphs import RELATIONS, open_book, open_graph
-from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 
 QUERIES = (
     "head,relation,tail\nflour,combinesWith,water\n\n_,componentOf,bread\nflour,componentOf,\n"

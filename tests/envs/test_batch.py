@@ -11,9 +11,9 @@ from reference_env import ReferenceEnv
 from wordcraft_kg.agents.players import recipe_oracle
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
-from wordcraft_kg.envs.config import RewardConfig, WordCraftConfig
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.world import SHORTCUT_TRIES, World
+from wordcraft_kg.envs.world_config import RewardConfig, WordCraftConfig
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_graph
 
 DEVICES = ("cpu", "torch:cpu")

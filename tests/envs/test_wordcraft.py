@@ -22,9 +22,9 @@ from wordcraft_kg.base.errors import (
     TaskError,
     UnknownEntityError,
 )
-from wordcraft_kg.envs.config import REWARDS, RewardConfig, WordCraftConfig
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import REWARDS, RewardConfig, WordCraftConfig
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, make_tasks
 
 # water + earth makes two things, sun + sand glass, and so does fire + sand.

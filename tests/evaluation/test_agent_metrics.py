@@ -21,9 +21,9 @@ from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer, play_all
 from wordcraft_kg.agents.players import BEST_PAIR, scorer_players
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.evaluation.agent_metrics import MADE, NOT_MADE, OPEN_END, binned, source_gains
-from wordcraft_kg.graphs.folder import write_graph_folder
-from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.policies.folder import make_policy
+from wordcraft_kg.graphs.graph_folder import write_graph_folder
+from wordcraft_kg.models.policies.policy_config import PolicyConfig
+from wordcraft_kg.models.policies.policy_folder import make_policy
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 

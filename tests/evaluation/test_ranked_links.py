@@ -10,7 +10,7 @@ from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.evaluation import ranked_links
 from wordcraft_kg.evaluation.ranked_links import Contender, compare
 from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_split, open_graph
-from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
+from wordcraft_kg.models.links.link_config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.model import History, Model
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.factors import TableScorer

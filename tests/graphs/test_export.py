@@ -16,7 +16,7 @@ from wordcraft_kg.base.errors import OutputExistsError
 from wordcraft_kg.cli.graphs import Format
 from wordcraft_kg.graphs import RELATIONS, OpenedGraph, Recipe, RecipeBook, read_book
 from wordcraft_kg.graphs.export import EXPORTERS, NAMESPACE, export_graph, triples_frame
-from wordcraft_kg.graphs.folder import entities_frame
+from wordcraft_kg.graphs.graph_folder import entities_frame
 
 AWKWARD = [
     *("#hash", " lead", "a, b", 'say "x"', "<&>", "crème brûlée"),

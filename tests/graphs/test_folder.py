@@ -15,7 +15,7 @@ from wordcraft_kg.graphs import (
     RecipeGraph,
     SplitConfig,
     audit,
-    folder as folder_module,
+    graph_folder as folder_module,
     make_split,
     open_book,
     open_graph,

@@ -22,7 +22,7 @@ from wordcraft_kg.graphs import (
     rounds,
 )
 from wordcraft_kg.graphs.export import to_networkx, triples_frame
-from wordcraft_kg.graphs.folder import entities_frame
+from wordcraft_kg.graphs.graph_folder import entities_frame
 from wordcraft_kg.graphs.triples import is_in, triple_keys
 
 

@@ -5,7 +5,7 @@ import shutil
 import pytest
 from link_helpers import train
 
-from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
+from wordcraft_kg.models.links.link_config import ComplExConfig, LinkModelConfig
 
 
 @pytest.fixture(scope="session")

@@ -18,7 +18,7 @@ from wordcraft_kg.base.artefacts import sha256_of
 
 def train(opened, settings, out, **options):
     """Train a link predictor on a graph that was opened from somewhere."""
-    from wordcraft_kg.models.links.training import train_links
+    from wordcraft_kg.models.links.link_training import train_links
 
     return train_links(LinksConfig(opened.source, settings), out, **options)
 

@@ -11,8 +11,8 @@ import torch
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.base import ArtefactError, ConfigError, NotRegisteredError, sha256_of
 from wordcraft_kg.base.registry import Registry
-from wordcraft_kg.models.folder import MODELS, open_model
-from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.model_folder import MODELS, open_model
+from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 from wordcraft_kg.runs.record import read_run
 from wordcraft_kg.runs.training import train
 

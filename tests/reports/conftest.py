@@ -3,14 +3,14 @@
 import pytest
 from report_helpers import link_report
 
-from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.models.model_folder import open_model
 from wordcraft_kg.reports.pages import write_report
 
 
 @pytest.fixture(scope="session")
 def kitchen_model(made_once):
-    from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-    from wordcraft_kg.models.links.training import train_links
+    from wordcraft_kg.models.links.link_config import ComplExConfig, LinksConfig
+    from wordcraft_kg.models.links.link_training import train_links
 
     config = LinksConfig("kitchen", ComplExConfig(dim=8, epochs=6, n3=0.1))
     return open_model(made_once("reported/kitchen", lambda out: train_links(config, out)))

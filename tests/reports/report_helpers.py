@@ -5,7 +5,7 @@ from html.parser import HTMLParser
 
 from wordcraft_kg.evaluation.links import view_links
 from wordcraft_kg.evaluation.ranked_links import rank_links
-from wordcraft_kg.models.scorers.config import MAX_QUERIES
+from wordcraft_kg.models.scorers.score_limits import MAX_QUERIES
 from wordcraft_kg.reports.link_report import make_link_report
 
 VOID = {

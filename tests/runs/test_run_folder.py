@@ -27,7 +27,7 @@ from wordcraft_kg import (
 )
 from wordcraft_kg.agents.agent_folder import AGENTS
 from wordcraft_kg.base import ArtefactError, OutputExistsError, sha256_of
-from wordcraft_kg.models.links.training import LinksTraining
+from wordcraft_kg.models.links.link_training import LinksTraining
 from wordcraft_kg.runs import run_folder as folder_module
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.record import read_run

@@ -1,7 +1,7 @@
 """A study of the kitchen that takes seconds."""
 
 from wordcraft_kg import WordCraftConfig, World
-from wordcraft_kg.graphs.folder import PlayedGraph, open_graph
+from wordcraft_kg.graphs.graph_folder import PlayedGraph, open_graph
 from wordcraft_kg.runs.record import end_run, start_run
 from wordcraft_kg.studies.engine import Pool, run_plan
 from wordcraft_kg.studies.perform import perform

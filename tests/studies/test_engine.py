@@ -24,7 +24,7 @@ from wordcraft_kg import SplitConfig, WordCraftConfig, World, make_split
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import nearest_words
 from wordcraft_kg.base import TEMPORARY, TrainingError, as_values, parse_record
-from wordcraft_kg.graphs.folder import OpenedGraph, PlayedGraph, open_graph
+from wordcraft_kg.graphs.graph_folder import OpenedGraph, PlayedGraph, open_graph
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.reports.pages import render
 from wordcraft_kg.runs.run_folder import locked
@@ -69,7 +69,7 @@ def record(folder):
 
 def interrupted(task, done, root):
     """Copy a study, and leave a run of it interrupted; return its folder."""
-    from wordcraft_kg.agents.training import train_agent
+    from wordcraft_kg.agents.agent_training import train_agent
 
     shutil.copytree(done, root, dirs_exist_ok=True)
     shutil.rmtree(folder := task.folder(root))

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from wordcraft_kg.agents.config import AgentConfig
-from wordcraft_kg.agents.records import (
+from wordcraft_kg.agents.agent_config import AgentConfig
+from wordcraft_kg.agents.agent_records import (
     AgentProgress,
     AgentSummary,
     MetricsRow,
@@ -19,10 +19,10 @@ from wordcraft_kg.agents.records import (
 )
 from wordcraft_kg.base import GraphMismatchError, WordCraftKGError, read_small_file
 from wordcraft_kg.base.tensors import with_prefix
-from wordcraft_kg.graphs.folder import GraphLike, OpenedGraph
-from wordcraft_kg.models.folder import read_history
-from wordcraft_kg.models.policies.folder import load_policy, read_policy
+from wordcraft_kg.graphs.graph_folder import GraphLike, OpenedGraph
+from wordcraft_kg.models.model_folder import read_history
 from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.models.policies.policy_folder import load_policy, read_policy
 from wordcraft_kg.models.policies.sources import W
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
 from wordcraft_kg.runs.checkpoints import Checkpoint

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from wordcraft_kg.agents.agent_records import TERMINATION_REASONS, Success, TerminationReason
 from wordcraft_kg.agents.players import Player, knowledge_player, random_entity, recipe_oracle
-from wordcraft_kg.agents.records import TERMINATION_REASONS, Success, TerminationReason
 from wordcraft_kg.agents.states import ROWS, bind_tasks, states_of
 from wordcraft_kg.base import (
     MAX_SIZE,
@@ -279,8 +279,8 @@ def evaluate(
             ``settings``).
         distractor_seeds: tables per task, equal for all players; by default 5, or 1 if there are
             very many tasks.
-        settings: task settings, see :class:`~wordcraft_kg.envs.config.WordCraftConfig`; the part
-            is ``test`` by default.
+        settings: task settings, see :class:`~wordcraft_kg.envs.world_config.WordCraftConfig`; the
+            part is ``test`` by default.
 
     Returns:
         The outcomes; ``metrics()`` has the success rate.

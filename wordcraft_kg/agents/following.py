@@ -19,13 +19,13 @@ from wordcraft_kg.agents.agent_folder import (
     open_agent,
     read_agent_run,
 )
+from wordcraft_kg.agents.agent_records import EPISODES_FILE, PlayedTask, read_episodes
 from wordcraft_kg.agents.explanation import Explainer
-from wordcraft_kg.agents.records import EPISODES_FILE, PlayedTask, read_episodes
 from wordcraft_kg.base.errors import WordCraftKGError
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import OpenedGraph, TaskPart
-from wordcraft_kg.models.folder import read_train_sample
+from wordcraft_kg.models.model_folder import read_train_sample
 from wordcraft_kg.runs.record import RUN_FILE
 
 EXPLAINERS = 8

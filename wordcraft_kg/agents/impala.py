@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, Self
 import torch
 from torch import Tensor, nn
 
-from wordcraft_kg.agents.config import ImpalaConfig
+from wordcraft_kg.agents.agent_config import ImpalaConfig
 from wordcraft_kg.agents.losses import (
     Successes,
     baseline_loss,

@@ -27,12 +27,12 @@ from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer, VoteScorer
-from wordcraft_kg.models.scorers.config import SelfEdges, has_table
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import ENCODE, glove_features, make_features, named
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.models.scorers.score_limits import SelfEdges, has_table
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 from wordcraft_kg.planning.source import BestPlan
 

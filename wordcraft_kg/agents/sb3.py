@@ -25,7 +25,7 @@ from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.envs.vector import Arrays, WordCraftVectorEnv
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import TaskNumbers
-from wordcraft_kg.graphs.folder import GraphLike
+from wordcraft_kg.graphs.graph_folder import GraphLike
 from wordcraft_kg.models.policies.policy import Policy, PolicyOutput
 from wordcraft_kg.models.policies.sources.source import FoldedSource
 from wordcraft_kg.models.policies.states import States
@@ -217,11 +217,11 @@ class SB3Policy(_NetworkPolicy, ActorCriticPolicy):
     """A policy for PPO and A2C: ``PPO(SB3Policy, env, policy_kwargs={"network": policy})``.
 
     ``network`` is a policy of this package, from
-    :func:`~wordcraft_kg.models.policies.folder.make_policy` or ``load_policy``. Training changes a
-    copy, ``model.policy.network``, but neither scores nor constant vectors, which are buffers. Ids
-    must belong to the policy's graph; only the number of entities is checked. Further settings are
-    ``optimizer_class`` and ``optimizer_kwargs``. Empty slots are never chosen, with or without
-    masks.
+    :func:`~wordcraft_kg.models.policies.policy_folder.make_policy` or ``load_policy``. Training
+    changes a copy, ``model.policy.network``, but neither scores nor constant vectors, which are
+    buffers. Ids must belong to the policy's graph; only the number of entities is checked. Further
+    settings are ``optimizer_class`` and ``optimizer_kwargs``. Empty slots are never chosen, with or
+    without masks.
 
     A policy with a cross-fitted scorer must be made with ``tasks``, and the environment wrapped in
     :class:`~wordcraft_kg.envs.wrappers.TaskObservation`.
@@ -327,7 +327,7 @@ class SB3VecEnv(VecEnv):
             with_task: add the task's number to the observations, as
                 :class:`~wordcraft_kg.envs.wrappers.TaskObservation` does, for policies with a
                 cross-fitted scorer.
-            **settings: settings of :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
+            **settings: settings of :class:`~wordcraft_kg.envs.world_config.WordCraftConfig`.
 
         Raises:
             ConfigError: for an unknown setting, or a value out of range.

@@ -20,8 +20,8 @@ from wordcraft_kg.cli.console import (
     write_table,
 )
 from wordcraft_kg.cli.options import Book, Graph, MovedGraph, OptionalBook, Part, Table, Words
-from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
 from wordcraft_kg.envs.draws import MOST_TASKS
+from wordcraft_kg.envs.world_config import DistractorPolicy, WordCraftConfig
 from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.models.policies.sources import label_of
 
@@ -173,7 +173,7 @@ def evaluate_agent(
         policy = played.distractor_policy or WordCraftConfig.distractor_policy
         config = WordCraftConfig(part, scripted.depth, amounts[0], distractor_policy=policy)
         from wordcraft_kg.evaluation.agents import ExternalPlayer, view_baselines
-        from wordcraft_kg.graphs.folder import open_graph
+        from wordcraft_kg.graphs.graph_folder import open_graph
 
         external = None
         if scripted.player is not None:
@@ -184,7 +184,7 @@ def evaluate_agent(
         graph = open_graph(run)
         model = None
         if scripted.scorer is not None:
-            from wordcraft_kg.models.folder import open_model
+            from wordcraft_kg.models.model_folder import open_model
 
             model = scripted.scorer.name, open_model(scripted.scorer, run)
         baselines = view_baselines(

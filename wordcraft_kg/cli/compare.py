@@ -217,7 +217,7 @@ def _compare_links(
         out = out.with_name(out.name + PAGE_ENDINGS[0])
     check_file(out, force=force)
     from wordcraft_kg.evaluation.ranked_links import Contender, by_mrr, compare
-    from wordcraft_kg.models.folder import open_model
+    from wordcraft_kg.models.model_folder import open_model
 
     if len(runs) < 2:
         raise ConfigError(f"only '{runs[0][0]}' to compare; give two link predictors or more.")

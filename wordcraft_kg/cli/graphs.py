@@ -30,7 +30,7 @@ from wordcraft_kg.cli.console import (
     split_labels,
 )
 from wordcraft_kg.cli.options import Base, Book, FileOptions, Force, Graph
-from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import (
     SPLITS,
     RecipeGraph,

@@ -86,8 +86,8 @@ def import_knowledge(  # noqa: PLR0913 - parameters are the command's options
 
 
 def _import_scores(graph: str, scores: Path, out: Path | None, force: bool, output: Output) -> None:
-    from wordcraft_kg.models.folder import save_scorer
     from wordcraft_kg.models.knowledge.score_files import read_scores
+    from wordcraft_kg.models.model_folder import save_scorer
 
     opened = open_graph(graph)
     out = out or Path("models") / f"{opened.graph.name}-scores"

@@ -33,7 +33,7 @@ from wordcraft_kg.cli.console import (
 from wordcraft_kg.cli.failures import with_options
 from wordcraft_kg.cli.options import Force, MovedGraph, Paths, Table, Words
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.scorers.config import MAX_QUERIES
+from wordcraft_kg.models.scorers.score_limits import MAX_QUERIES
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.links import LinkView
@@ -99,7 +99,7 @@ def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
     from wordcraft_kg.evaluation.links import summarise_links, view_links
     from wordcraft_kg.evaluation.ranked_links import rank_links
     from wordcraft_kg.evaluation.suggestions import is_set_model
-    from wordcraft_kg.models.folder import open_model
+    from wordcraft_kg.models.model_folder import open_model
     from wordcraft_kg.reports.link_report import make_link_report
     from wordcraft_kg.reports.pages import write_report
 
@@ -540,7 +540,7 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
         suggest_recipes,
         write_suggestions,
     )
-    from wordcraft_kg.models.recipes.records import SetMetrics
+    from wordcraft_kg.models.recipes.recipe_records import SetMetrics
     from wordcraft_kg.models.scorers.sets.rules import read_rule
 
     whole("top", top, 1)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from cyclopts import Parameter
 
-from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.agent_config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.base import ArtefactError, ConfigError, as_values, counted
 from wordcraft_kg.cli.console import (
     Output,
@@ -21,20 +21,20 @@ from wordcraft_kg.cli.console import (
 )
 from wordcraft_kg.cli.options import Force, Graph, Seeds, Trackers
 from wordcraft_kg.graphs import TaskPart, describe_train_sample, open_graph
-from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
-from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.links.link_config import ComplExConfig, LinkModelConfig, LinksConfig
+from wordcraft_kg.models.policies.policy_config import PolicyConfig
+from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.scorers.features import ENCODE
 from wordcraft_kg.runs.config_file import RunConfig
 from wordcraft_kg.runs.record import RUN_FILE
 from wordcraft_kg.runs.run_folder import Progress, check_run_output, interruption_message
 
 if TYPE_CHECKING:
-    from wordcraft_kg.agents.training import TrainedAgent
-    from wordcraft_kg.models.links.records import LinkMetrics
-    from wordcraft_kg.models.links.training import TrainedLinks
-    from wordcraft_kg.models.recipes.records import RecipeMetrics, TrainedSets
-    from wordcraft_kg.models.recipes.training import TrainedRecipes
+    from wordcraft_kg.agents.agent_training import TrainedAgent
+    from wordcraft_kg.models.links.link_records import LinkMetrics
+    from wordcraft_kg.models.links.link_training import TrainedLinks
+    from wordcraft_kg.models.recipes.recipe_records import RecipeMetrics, TrainedSets
+    from wordcraft_kg.models.recipes.recipe_training import TrainedRecipes
     from wordcraft_kg.runs.training import Training
 
 EXAMPLES = {
@@ -304,7 +304,7 @@ class LinkTraining(TrainingCommand):
     compared_with = ("ANOTHER",)
 
     def trainer(self) -> "type[Training[Any, Any, Any]]":  # noqa: D102
-        from wordcraft_kg.models.links.training import LinksTraining
+        from wordcraft_kg.models.links.link_training import LinksTraining
 
         return LinksTraining
 
@@ -343,13 +343,13 @@ class RecipeTraining(TrainingCommand):
     """The training of recipe scorers, ``train-recipes``."""
 
     def trainer(self) -> "type[Training[Any, Any, Any]]":  # noqa: D102
-        from wordcraft_kg.models.recipes.training import RecipesTraining
+        from wordcraft_kg.models.recipes.recipe_training import RecipesTraining
 
         return RecipesTraining
 
     def rows(self, trained: "TrainedRecipes | TrainedSets") -> Rows:  # noqa: D102
         from wordcraft_kg.models.knowledge.outside import describe_source
-        from wordcraft_kg.models.recipes.records import TrainedSets
+        from wordcraft_kg.models.recipes.recipe_records import TrainedSets
 
         if isinstance(trained, TrainedSets):
             return list(trained.metrics.facts().items())
@@ -381,7 +381,7 @@ class AgentsTraining(TrainingCommand):
     product = "report"
 
     def trainer(self) -> "type[Training[Any, Any, Any]]":  # noqa: D102
-        from wordcraft_kg.agents.training import AgentTraining
+        from wordcraft_kg.agents.agent_training import AgentTraining
 
         return AgentTraining
 

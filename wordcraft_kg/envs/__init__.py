@@ -3,9 +3,9 @@
 Read ``wordcraft`` first: its class documents the rules, for one environment. ``batch`` computes
 them for one environment or many, on NumPy or torch by ``arrays``; ``draws`` draws what its episodes
 begin with, and fixes the tables on which all players are compared. A ``World`` (``world``) holds
-the recipe graph, the split into train, valid and test recipes, the settings (``config``) and the
-tasks: build one ``World``, and derive other settings with ``world.variant(part="test")``. Rewards
-and results of the part ``train`` come from train recipes alone.
+the recipe graph, the split into train, valid and test recipes, the settings (``world_config``) and
+the tasks: build one ``World``, and derive other settings with ``world.variant(part="test")``.
+Rewards and results of the part ``train`` come from train recipes alone.
 
 ``vector`` shows the engine to Gymnasium, ``open_ended`` is the game without a goal, ``words`` the
 games as text. Observations are ids and masks; ``wrappers`` add scores.

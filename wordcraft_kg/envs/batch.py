@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base import MAX_SIZE, ActionError, ConfigError, EpisodeError, whole
 from wordcraft_kg.envs.arrays import Array, Pairs, Sets, arrays_of
-from wordcraft_kg.envs.config import RewardConfig
 from wordcraft_kg.envs.draws import Ahead, Draws
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import RewardConfig
 
 IN_PROGRESS = 0
 GOAL = 1

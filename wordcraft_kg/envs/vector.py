@@ -12,7 +12,7 @@ from wordcraft_kg.base.errors import ConfigError, EpisodeError
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine, State, Step
 from wordcraft_kg.envs.wordcraft import WordCraftEnv, observation_space
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import GraphLike
+from wordcraft_kg.graphs.graph_folder import GraphLike
 
 Arrays = dict[str, NDArray[Any]]
 _NAMES = np.array(OUTCOMES, dtype=object)
@@ -53,7 +53,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
             graph: as for the single environment.
             render_mode: None; many environments are not rendered.
             autoreset_mode: when a new episode begins, see above.
-            **settings: settings of :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
+            **settings: settings of :class:`~wordcraft_kg.envs.world_config.WordCraftConfig`.
 
         Raises:
             ConfigError: for an unknown setting, or a value out of range.

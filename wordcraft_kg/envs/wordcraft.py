@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base import ActionError, ConfigError, EpisodeError, whole
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine, empty_slot
-from wordcraft_kg.envs.config import METADATA, check_mode
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import METADATA, check_mode
 from wordcraft_kg.graphs import GraphLike, Ids
 from wordcraft_kg.graphs.tasks import CraftingTask
 
@@ -99,7 +99,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     1``, and the selection has shape (S,).
 
     ## Rewards
-    +1 when the goal is made. A :class:`~wordcraft_kg.envs.config.RewardConfig` may add shaped
+    +1 when the goal is made. A :class:`~wordcraft_kg.envs.world_config.RewardConfig` may add shaped
     rewards; success never depends on shaping.
 
     ## Starting state
@@ -119,9 +119,9 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     ## Arguments
     ``graph`` is a graph folder, a book's name or file, a RecipeGraph or an OpenedGraph; further
-    arguments are the settings in :class:`~wordcraft_kg.envs.config.WordCraftConfig`. If ``graph``
-    is a :class:`~wordcraft_kg.envs.world.World`, which has settings and may be shared between
-    environments, further settings are refused.
+    arguments are the settings in :class:`~wordcraft_kg.envs.world_config.WordCraftConfig`. If
+    ``graph`` is a :class:`~wordcraft_kg.envs.world.World`, which has settings and may be shared
+    between environments, further settings are refused.
 
     ## Version history
     v0: first version. docs/rules.md lists the differences from the environment of Jiang et

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import (
     Entity,
     GraphLike,

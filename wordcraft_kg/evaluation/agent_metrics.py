@@ -15,8 +15,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.agent_folder import AgentRun, OpenedAgent
+from wordcraft_kg.agents.agent_records import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
-from wordcraft_kg.agents.records import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.base.statistics import paired_difference, student_interval, task_bootstrap
 from wordcraft_kg.graphs import Ids, RecipeGraph, TaskSet, layers

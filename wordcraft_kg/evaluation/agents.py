@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.agents import players
 from wordcraft_kg.agents.agent_folder import OpenedAgent
+from wordcraft_kg.agents.agent_records import Success, TerminationReason
 from wordcraft_kg.agents.evaluation import (
     Evaluation,
     Evaluator,
@@ -28,7 +29,6 @@ from wordcraft_kg.agents.evaluation import (
     success_rows,
 )
 from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
-from wordcraft_kg.agents.records import Success, TerminationReason
 from wordcraft_kg.base import (
     ConfigError,
     Count,
@@ -40,9 +40,9 @@ from wordcraft_kg.base import (
     steps,
 )
 from wordcraft_kg.base.registry import Registry
-from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
 from wordcraft_kg.envs.draws import MOST_TASKS, default_seeds, sampled_tasks
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import DistractorPolicy, WordCraftConfig
 from wordcraft_kg.evaluation.agent_metrics import (
     AgainstScorer,
     AgentSuccess,

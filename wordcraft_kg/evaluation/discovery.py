@@ -68,8 +68,8 @@ def open_guide(folder: str | Path, graph: RecipeGraph) -> Guide:
     # Imported late: scripted players need no torch.
     from wordcraft_kg.models.recipes.inductive import for_labels
     from wordcraft_kg.models.scorers.cross_fitting import whole_of
-    from wordcraft_kg.models.scorers.folder import load_scorer
     from wordcraft_kg.models.scorers.recipes import RecipeScorer
+    from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 
     scorer = load_scorer(folder)
     if not isinstance(whole_of(scorer), RecipeScorer):

@@ -13,8 +13,8 @@ from wordcraft_kg.agents import players
 from wordcraft_kg.agents.evaluation import PlayerSuccess, play_all
 from wordcraft_kg.base import Count, Record, Share, WordCraftKGError, quoted
 from wordcraft_kg.base.statistics import bootstrap, cluster_interval, wilson_interval
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.evaluation.agent_metrics import (
     OPEN_END,
     Bounds,
@@ -35,7 +35,7 @@ from wordcraft_kg.graphs import (
     layers,
 )
 from wordcraft_kg.graphs.audit import Leakage, leakage, split_summary
-from wordcraft_kg.models.links.records import TraceRow
+from wordcraft_kg.models.links.link_records import TraceRow
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import (

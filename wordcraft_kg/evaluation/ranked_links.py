@@ -28,9 +28,9 @@ from wordcraft_kg.graphs import RELATIONS, Ids, OpenedGraph, RecipeGraph, Traine
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.scorers import ranking
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, VoteScorer
-from wordcraft_kg.models.scorers.config import MAX_QUERIES
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, sampled, triple_groups
+from wordcraft_kg.models.scorers.score_limits import MAX_QUERIES
 
 MAP_LIMIT = 3_000
 """Largest entity count for which all entity pairs are scored, as by the neighbour baseline.

@@ -43,15 +43,15 @@ from wordcraft_kg.graphs import (
     are_among,
     recipe_keys,
 )
-from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.models.model_folder import open_model
 from wordcraft_kg.models.recipes.inductive import with_words
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence, OutsideEvidenceFinder
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
-from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.neighbours.knowledge import LEAST_SHARE
 from wordcraft_kg.models.scorers.neighbours.results import CANDIDATES
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores, Witness
 from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 
 OPEN = ("_", "?")
 """Spellings for an open slot; shells expand ``?``, but not ``_``."""

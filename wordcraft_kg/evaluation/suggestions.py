@@ -50,9 +50,9 @@ from wordcraft_kg.graphs.book_files.reader import SELF_RESULT
 from wordcraft_kg.graphs.book_files.rows import Place
 from wordcraft_kg.graphs.book_files.words import own_header
 from wordcraft_kg.graphs.book_files.writing import csv_line
-from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.model import Model
-from wordcraft_kg.models.recipes.records import SetMetrics
+from wordcraft_kg.models.model_folder import open_model
+from wordcraft_kg.models.recipes.recipe_records import SetMetrics
 from wordcraft_kg.models.recipes.set_training import with_new_entities
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -299,7 +299,7 @@ def open_suggesting(folder: Path, graph: str | None = None) -> Model:
     Raises:
         ConfigError: if it scores links alone.
 
-    Further errors are those of :func:`~wordcraft_kg.models.folder.open_model`.
+    Further errors are those of :func:`~wordcraft_kg.models.model_folder.open_model`.
     """
     model = open_model(folder, graph)
     if not isinstance(whole_of(model.scorer), SetScorer | RecipeScorer):

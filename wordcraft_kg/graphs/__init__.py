@@ -15,7 +15,8 @@ Read ``recipe_graph`` first, then ``splits`` and ``tasks``.
 - ``splits``, ``train_samples``: recipes held out for tests, drawn or from a file; for
   cross-fitting; or left out and changed to train on less;
 - ``tasks``: crafting tasks and the search for all their shortest plans;
-- ``folder``, ``audit``, ``export``: graph folders, views of graphs and entities, other formats.
+- ``graph_folder``, ``audit``, ``export``: graph folders, views of graphs and entities, other
+  formats.
 
 Entries of ``SPLITS``, ``EXPORTERS`` and ``FETCHABLE`` and new statistics may be added freely. The
 order of ids, the formats of hashes and the random draws of splits, folds and tasks may not change:
@@ -32,7 +33,7 @@ from wordcraft_kg.graphs.arrays import (
 )
 from wordcraft_kg.graphs.audit import SplitSummary as SplitSummary, audit as audit
 from wordcraft_kg.graphs.book_files import read_book as read_book, write_book as write_book
-from wordcraft_kg.graphs.folder import (
+from wordcraft_kg.graphs.graph_folder import (
     KG as KG,
     GraphLike as GraphLike,
     OpenedGraph as OpenedGraph,

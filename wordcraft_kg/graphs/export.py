@@ -16,7 +16,7 @@ from wordcraft_kg.base import ConfigError, json_text, one_of, stage, staged_file
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.book_files import write_book
 from wordcraft_kg.graphs.book_files.words import own_header
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.graph_folder import OpenedGraph
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS

@@ -19,8 +19,8 @@ from wordcraft_kg.graphs import (
     is_subsample,
 )
 from wordcraft_kg.models.scorers.cross_fitting import folds_of
-from wordcraft_kg.models.scorers.folder import WEIGHTS
 from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.models.scorers.scorer_folder import WEIGHTS
 from wordcraft_kg.runs.config_file import RunConfig
 from wordcraft_kg.runs.record import RunRecord
 

@@ -24,7 +24,7 @@ from wordcraft_kg.base import (
     read_small_file,
     write_atomically,
 )
-from wordcraft_kg.graphs.folder import GraphLike
+from wordcraft_kg.graphs.graph_folder import GraphLike
 from wordcraft_kg.graphs.library import without_prefix
 
 CONFIG_FILE = "config.toml"

@@ -40,7 +40,7 @@ from wordcraft_kg.base import (
 )
 from wordcraft_kg.base.artefacts import is_locked
 from wordcraft_kg.base.registry import check_plugins
-from wordcraft_kg.graphs.folder import GraphLike, OpenedGraph, TrainedOn, open_graph
+from wordcraft_kg.graphs.graph_folder import GraphLike, OpenedGraph, TrainedOn, open_graph
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsError
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.graph_folder import OpenedGraph, open_graph
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig, moved
 from wordcraft_kg.runs.progress import ProgressBar

@@ -201,7 +201,7 @@ def _clear(folder: Path) -> None:
 
 
 def _run(task: Task, root: Path, keep_all: bool) -> bool:
-    from wordcraft_kg.agents.training import AgentTraining
+    from wordcraft_kg.agents.agent_training import AgentTraining
 
     if PLAYER in task.settings["settings"]:
         return _play(task, root)
@@ -224,11 +224,11 @@ def _run(task: Task, root: Path, keep_all: bool) -> bool:
 def _play(task: Task, root: Path) -> bool:
     """Let a player without training play the test tasks, and write its results."""
     from wordcraft_kg.agents import players
-    from wordcraft_kg.agents.config import TaskConfig
+    from wordcraft_kg.agents.agent_config import TaskConfig
     from wordcraft_kg.agents.evaluation import Evaluator
     from wordcraft_kg.envs.world import World
-    from wordcraft_kg.models.folder import open_model
-    from wordcraft_kg.models.policies.config import PolicyConfig
+    from wordcraft_kg.models.model_folder import open_model
+    from wordcraft_kg.models.policies.policy_config import PolicyConfig
     from wordcraft_kg.models.scorers.features import make_features
 
     began = time.perf_counter()
@@ -269,7 +269,7 @@ def _play(task: Task, root: Path) -> bool:
 
 def _run_metrics(folder: Path, opened: OpenedGraph) -> RunMetrics:
     from wordcraft_kg.agents.agent_folder import AGENTS
-    from wordcraft_kg.agents.records import read_episodes, read_metrics, read_summary
+    from wordcraft_kg.agents.agent_records import read_episodes, read_metrics, read_summary
 
     files = RunFiles(folder, AGENTS.read_record(folder))
     summary = read_summary(files)
@@ -299,10 +299,10 @@ def _run_metrics(folder: Path, opened: OpenedGraph) -> RunMetrics:
 
 
 def _scorer(task: Task, root: Path) -> bool:
-    from wordcraft_kg.models.links.config import LinksConfig
-    from wordcraft_kg.models.links.training import LinksTraining
-    from wordcraft_kg.models.recipes.config import RecipesConfig
-    from wordcraft_kg.models.recipes.training import RecipesTraining
+    from wordcraft_kg.models.links.link_config import LinksConfig
+    from wordcraft_kg.models.links.link_training import LinksTraining
+    from wordcraft_kg.models.recipes.recipe_config import RecipesConfig
+    from wordcraft_kg.models.recipes.recipe_training import RecipesTraining
 
     folder = task.folder(root)
     graph = str(root / task.needs[0])
@@ -326,7 +326,7 @@ def _scorer(task: Task, root: Path) -> bool:
 
 def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -> None:
     from wordcraft_kg.graphs.triples import recipe_triples
-    from wordcraft_kg.models.folder import save_scorer
+    from wordcraft_kg.models.model_folder import save_scorer
     from wordcraft_kg.models.scorers.baselines import KernelScorer, NeighbourScorer, SymbolicScorer
     from wordcraft_kg.models.scorers.cross_fitting import cross_fit
     from wordcraft_kg.models.scorers.features import glove_features
@@ -348,7 +348,7 @@ def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -
 
 
 def _scorer_metrics(folder: Path, seconds: float) -> ScorerMetrics:
-    from wordcraft_kg.models.folder import open_model
+    from wordcraft_kg.models.model_folder import open_model
     from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 
     model = open_model(folder)

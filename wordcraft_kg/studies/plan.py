@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-from wordcraft_kg.agents.config import (
+from wordcraft_kg.agents.agent_config import (
     KNOWLEDGE_SETTINGS,
     PAPER,
     AgentConfig,
@@ -39,9 +39,9 @@ from wordcraft_kg.graphs import (
     make_split,
     open_book,
 )
-from wordcraft_kg.models.links.config import CONFIGS
-from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.recipes.config import RecipeScorerConfig
+from wordcraft_kg.models.links.link_config import CONFIGS
+from wordcraft_kg.models.policies.policy_config import PolicyConfig
+from wordcraft_kg.models.recipes.recipe_config import RecipeScorerConfig
 from wordcraft_kg.models.scorers.features import ENCODED, named
 from wordcraft_kg.studies.study import (
     OF_AGENT,

@@ -27,7 +27,7 @@ import pandas as pd
 from msgspec import structs
 from numpy.typing import NDArray
 
-from wordcraft_kg.agents.config import TaskConfig
+from wordcraft_kg.agents.agent_config import TaskConfig
 from wordcraft_kg.base import (
     ArtefactError,
     Count,

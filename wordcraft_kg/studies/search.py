@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from wordcraft_kg.agents.config import TaskConfig
+from wordcraft_kg.agents.agent_config import TaskConfig
 from wordcraft_kg.base.errors import ConfigError, TrainingError
 from wordcraft_kg.studies.plan import Plan, defaults_of
 from wordcraft_kg.studies.study import OF_GRAPH, PLAYER, Study, Value, Values, check_study

@@ -17,12 +17,12 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
-from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.agent_config import ImpalaConfig, TaskConfig
 from wordcraft_kg.base import ConfigError, Record, nearest, read_small_file, whole
 from wordcraft_kg.graphs.splits import SplitConfig
-from wordcraft_kg.models.links.config import CONFIGS
-from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.recipes.config import RecipeScorerConfig
+from wordcraft_kg.models.links.link_config import CONFIGS
+from wordcraft_kg.models.policies.policy_config import PolicyConfig
+from wordcraft_kg.models.recipes.recipe_config import RecipeScorerConfig
 
 Value = str | int | float | bool
 Values = dict[str, Value]

@@ -21,7 +21,7 @@ from wordcraft_kg.base.statistics import (
     student_interval,
 )
 from wordcraft_kg.evaluation.agent_metrics import CurvePoint
-from wordcraft_kg.graphs.folder import PlayedGraph
+from wordcraft_kg.graphs.graph_folder import PlayedGraph
 from wordcraft_kg.studies.claims import ClaimVerdict, view_claims
 from wordcraft_kg.studies.results import Missing, Origin, RunResult, StudyResults, steps_to
 from wordcraft_kg.studies.study import Drawing, Value, Values

@@ -18,7 +18,7 @@ from wordcraft_kg.apps.elicitation.language_model import (
 )
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, MissingExtraError
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.models.knowledge.folder import TABLES, read_knowledge
+from wordcraft_kg.models.knowledge.knowledge_folder import TABLES, read_knowledge
 from wordcraft_kg.runs.record import read_run
 
 PROMPTS = tuple(

@@ -12,10 +12,10 @@ from helpers import lines_of
 
 from tests.apps.explorer.shown import look, view_of
 from wordcraft_kg import WordCraftConfig, World, open_agent
+from wordcraft_kg.agents.agent_records import PlayedTask
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.explanation import Explainer
 from wordcraft_kg.agents.players import random_entity
-from wordcraft_kg.agents.records import PlayedTask
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages.episode import EpisodeState
@@ -113,7 +113,7 @@ def test_agents_are_asked_at_one_table_by_one_world_s_rules(agents):
 def test_in_sample_scores_are_marked(agents, recipes_folder):
     """Where two folds have a way, every model has learned one of them; where one has, there is a
     model that has not."""
-    from wordcraft_kg.models.scorers.folder import load_scorer
+    from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 
     graph, folds = agents.opened.graph, load_scorer(recipes_folder).of_recipe.tolist()  # type: ignore[attr-defined]
     by_goal = {}

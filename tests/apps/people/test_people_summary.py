@@ -12,8 +12,8 @@ import torch
 from tests.apps.people.stored import answered, other_world
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.apps.people.answers_database import Cell, Participant, StoredAnswer
-from wordcraft_kg.apps.people.config import StudyConfig
 from wordcraft_kg.apps.people.study import HumanStudy, ReadStudy, Session
+from wordcraft_kg.apps.people.study_config import StudyConfig
 from wordcraft_kg.apps.people.summary import AgentGame, agent_successes, view_people
 from wordcraft_kg.base import ArtefactError, GraphMismatchError, checked_values
 from wordcraft_kg.base.statistics import wilson_interval
@@ -112,8 +112,8 @@ def test_a_session_is_not_counted_twice_but_unbegun_ones_are_alike(study):
 @pytest.fixture(scope="module")
 def agent(recipes_folder, tmp_path_factory):
     """A little trained agent of the kitchen, whose scorer is cross-fitted."""
-    from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
-    from wordcraft_kg.agents.training import train_agent
+    from wordcraft_kg.agents.agent_config import AgentConfig, ImpalaConfig, TaskConfig
+    from wordcraft_kg.agents.agent_training import train_agent
 
     trainer = ImpalaConfig(steps=2_000, eval_every=0)
     config = AgentConfig("kitchen", str(recipes_folder), TaskConfig(distractors=4), trainer=trainer)

@@ -17,13 +17,6 @@ from helpers import refuses
 
 from tests.apps.people.stored import at_once, contents, go_on, lines_of, other_world, unchanged
 from wordcraft_kg.apps.people.answers_database import ANSWERS_FILE, AnswersDatabase, Cell
-from wordcraft_kg.apps.people.config import (
-    MOST_CONDITIONS,
-    MOST_FORMS,
-    MOST_TASKS,
-    TASKS_PER_PART,
-    StudyConfig,
-)
 from wordcraft_kg.apps.people.protocol import HumanProtocol, episode_seed, schedule
 from wordcraft_kg.apps.people.study import (
     HumanStudy,
@@ -31,6 +24,13 @@ from wordcraft_kg.apps.people.study import (
     kept_answers,
     read_study,
     read_study_record,
+)
+from wordcraft_kg.apps.people.study_config import (
+    MOST_CONDITIONS,
+    MOST_FORMS,
+    MOST_TASKS,
+    TASKS_PER_PART,
+    StudyConfig,
 )
 from wordcraft_kg.apps.people.web_app import ALPHABET, code_hash, new_code, read_code
 from wordcraft_kg.base import (

@@ -9,8 +9,8 @@ import pytest
 from starlette.testclient import TestClient
 
 from tests.apps.people.stored import lines_of
-from wordcraft_kg.apps.people.config import StudyConfig
 from wordcraft_kg.apps.people.study import HumanStudy, kept_answers, read_study
+from wordcraft_kg.apps.people.study_config import StudyConfig
 from wordcraft_kg.apps.people.web_app import code_hash, make_study_app
 from wordcraft_kg.apps.web.guard import HEADERS, LONGEST_BODY
 

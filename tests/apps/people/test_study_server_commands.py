@@ -15,8 +15,8 @@ import httpx2
 import pytest
 
 from tests.apps.people.stored import go_on, refused, unchanged
-from wordcraft_kg.apps.people.config import StudyConfig
 from wordcraft_kg.apps.people.study import HumanStudy, kept_answers
+from wordcraft_kg.apps.people.study_config import StudyConfig
 
 CLIENT = httpx2.Client(follow_redirects=True, timeout=30)
 ROOT = Path(__file__).parents[3]

@@ -13,7 +13,7 @@ from wordcraft_kg.agents.players import (
     random_entity,
     recipe_oracle,
 )
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.graph_folder import OpenedGraph
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 

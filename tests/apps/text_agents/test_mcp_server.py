@@ -26,9 +26,9 @@ from wordcraft_kg.apps.text_agents import conversation, mcp_server
 from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.commands.bench import bench_run
 from wordcraft_kg.apps.text_agents.conversation import Play
+from wordcraft_kg.apps.text_agents.game_records import GamesHeader
 from wordcraft_kg.apps.text_agents.hosted_games import NEVER, HostedGames, games_writer
 from wordcraft_kg.apps.text_agents.mcp_server import make_http_app, make_server, tools_hash
-from wordcraft_kg.apps.text_agents.records import GamesHeader
 from wordcraft_kg.apps.text_agents.results import evaluation_of, read_games, record_of
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.apps.text_agents.submission import verify

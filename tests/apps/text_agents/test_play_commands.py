@@ -11,7 +11,7 @@ import pytest
 
 from tests.apps.people.stored import refused
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
-from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.graphs.graph_folder import open_graph
 
 Run = Callable[..., Any]
 PLAY = ("play", "kitchen")

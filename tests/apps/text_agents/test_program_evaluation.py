@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 from wordcraft_kg.apps.text_agents import results
-from wordcraft_kg.apps.text_agents.records import GAMES_FILE
+from wordcraft_kg.apps.text_agents.game_records import GAMES_FILE
 from wordcraft_kg.apps.text_agents.results import evaluation_of, read_games
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.runs.run_folder import locked
 
 FIRST_TWO = "import sys\nfor line in sys.stdin: print('1 + 2', flush=True)"

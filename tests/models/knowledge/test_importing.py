@@ -13,8 +13,8 @@ from wordcraft_kg.graphs.export import export_graph
 from wordcraft_kg.graphs.splits import Draw, Split
 from wordcraft_kg.models.knowledge import surroundings
 from wordcraft_kg.models.knowledge.alignment import align
-from wordcraft_kg.models.knowledge.folder import read_knowledge
 from wordcraft_kg.models.knowledge.importing import import_knowledge
+from wordcraft_kg.models.knowledge.knowledge_folder import read_knowledge
 from wordcraft_kg.models.knowledge.network import plain
 from wordcraft_kg.models.knowledge.paths import hops
 from wordcraft_kg.models.knowledge.readers import read_conceptnet, read_triples
@@ -23,8 +23,8 @@ from wordcraft_kg.models.knowledge.surroundings import Surroundings
 from wordcraft_kg.models.knowledge.wordnet import read_wordnet
 from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
 from wordcraft_kg.models.policies.states import States
-from wordcraft_kg.models.scorers import config
-from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers import score_limits
+from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 from wordcraft_kg.models.scorers.set_table import SetTableScorer
 
 SYNSETS = [
@@ -209,7 +209,7 @@ def test_a_label_like_a_node_and_too_many_entities_are_refused(wordnet, tmp_path
         import_knowledge(opened, "wordnet", wordnet, tmp_path / "wn")
     graph = RecipeGraph.from_recipes([("flour", "water", "dough")])
     opened = OpenedGraph(graph, make_split(graph, SplitConfig("none")), "")
-    monkeypatch.setattr(config, "TABLE_LIMIT", config.table_bytes(2))
+    monkeypatch.setattr(score_limits, "TABLE_LIMIT", score_limits.table_bytes(2))
     with pytest.raises(ConfigError, match="3 entities"):
         import_knowledge(opened, "wordnet", wordnet, tmp_path / "wn")
 

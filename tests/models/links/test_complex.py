@@ -17,7 +17,7 @@ from torch.nn.functional import cross_entropy
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.links import config as link_config
+from wordcraft_kg.models.links import link_config
 from wordcraft_kg.models.links.builders import (
     POPULARITY_DIMS,
     log_counts,
@@ -25,7 +25,7 @@ from wordcraft_kg.models.links.builders import (
     with_popularity,
 )
 from wordcraft_kg.models.links.complex import ComplExN3, MatmulComplExInteraction
-from wordcraft_kg.models.links.config import (
+from wordcraft_kg.models.links.link_config import (
     FULL_SOFTMAX,
     N3_PARTIAL,
     NEGATIVES,

@@ -38,15 +38,15 @@ from wordcraft_kg.graphs import (
     recipe_triples,
     triples_hash,
 )
-from wordcraft_kg.models.links import training as cross_fitting
+from wordcraft_kg.models.links import link_training as cross_fitting
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.fitting import fit
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
-from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
+from wordcraft_kg.models.scorers.scorer_folder import load_scorer, make_scorer
 
 SHORT = ComplExConfig(dim=8, epochs=4, n3=0.1, popularity=1.0, folds=3)
 
@@ -114,7 +114,7 @@ def test_the_record_has_each_models_rank_of_its_own_fold(folded, opened_kitchen)
 
 def test_embeddings_of_a_large_graph_have_folds_by_factors(folded, monkeypatch):
     small = load_scorer(folded)
-    monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 1)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.score_limits.TABLE_LIMIT", 1)
     large = load_scorer(folded)
     assert isinstance(large, FactoredScorer)
     assert not isinstance(small, FactoredScorer)
@@ -206,9 +206,9 @@ def test_a_damaged_fold_or_one_of_other_epochs_is_trained_again(
 PROGRAM = """
 import sys
 from pathlib import Path
-from wordcraft_kg.models.links import training as cross_fitting
-from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-from wordcraft_kg.models.links.training import train_links
+from wordcraft_kg.models.links import link_training as cross_fitting
+from wordcraft_kg.models.links.link_config import ComplExConfig, LinksConfig
+from wordcraft_kg.models.links.link_training import train_links
 from wordcraft_kg.runs import checkpoints
 
 cross_fitting.LONG = 0.0

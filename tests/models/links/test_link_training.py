@@ -33,10 +33,13 @@ from wordcraft_kg import (
 )
 from wordcraft_kg.base import ArtefactError, ConfigError, TrainingError, WordCraftKGError, as_values
 from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_split, recipe_triples
-from wordcraft_kg.models.knowledge.folder import KnowledgeRecord, KnowledgeTables, write_knowledge
-from wordcraft_kg.models.links import fitting, training as link_training
+from wordcraft_kg.models.knowledge.knowledge_folder import (
+    KnowledgeRecord,
+    KnowledgeTables,
+    write_knowledge,
+)
+from wordcraft_kg.models.links import fitting, link_training
 from wordcraft_kg.models.links.builders import make_training_loop, scorer_tensors
-from wordcraft_kg.models.links.config import N3_PARTIAL, LinkSettings
 from wordcraft_kg.models.links.fitting import (
     HELD_OUT,
     N3,
@@ -46,11 +49,12 @@ from wordcraft_kg.models.links.fitting import (
     fit,
     split_of_train,
 )
+from wordcraft_kg.models.links.link_config import N3_PARTIAL, LinkSettings
 from wordcraft_kg.models.links.outside import read_outside
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
-from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, ranking_metrics
+from wordcraft_kg.models.scorers.scorer_folder import make_scorer
 from wordcraft_kg.runs.record import read_run
 
 SHORT = ComplExConfig(dim=8, epochs=5, n3=0.1, folds=0)

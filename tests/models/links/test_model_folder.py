@@ -235,7 +235,7 @@ def test_what_it_has_seen_has_to_be_one_of_two(mine, opened_kitchen, tmp_path):
 def test_a_table_that_is_too_large_is_refused_before_it_is_computed(
     mine, opened_kitchen, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 1_000)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.score_limits.TABLE_LIMIT", 1_000)
     monkeypatch.setattr(Lengths, "table", None)
     with pytest.raises(ConfigError, match="80 entities"):
         save_scorer(tmp_path / "x", mine, opened_kitchen, kg="partial")

@@ -23,7 +23,7 @@ from wordcraft_kg.models.links.pykeen_bridge import (
     pykeen_guard,
     triples_factory,
 )
-from wordcraft_kg.models.scorers import config
+from wordcraft_kg.models.scorers import score_limits
 
 
 def draws():
@@ -118,7 +118,7 @@ def test_a_model_of_another_graph_is_refused_with_what_differs():
 
 
 def test_a_table_that_is_too_large_is_refused(opened_kitchen, monkeypatch):
-    monkeypatch.setattr(config, "TABLE_LIMIT", 1_000)
+    monkeypatch.setattr(score_limits, "TABLE_LIMIT", 1_000)
     with pytest.raises(ConfigError, match="80 entities"):
         from_pykeen(*on_kitchen(False), opened_kitchen)
 

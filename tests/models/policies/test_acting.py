@@ -19,8 +19,8 @@ from wordcraft_kg.base.errors import (
     UnknownEntityError,
 )
 from wordcraft_kg.models.policies.attention import AttentionPolicy
-from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_policy
 from wordcraft_kg.models.policies.policy import EntityVectors
+from wordcraft_kg.models.policies.policy_folder import load_policy, make_policy, save_policy
 from wordcraft_kg.models.policies.sources import source as room
 from wordcraft_kg.models.policies.sources.source import KeptScores, ScoreView
 from wordcraft_kg.models.policies.states import Attempts, States

@@ -34,7 +34,7 @@ from wordcraft_kg.base.errors import GraphMismatchError, LeakError
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.wrappers import KGScoreObservation, TaskObservation
 from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_folds, make_split, open_graph
-from wordcraft_kg.models.policies.folder import load_policy, make_policy
+from wordcraft_kg.models.policies.policy_folder import load_policy, make_policy
 from wordcraft_kg.models.policies.sources import registry
 from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
@@ -126,7 +126,7 @@ def test_every_task_is_scored_by_a_model_that_has_not_seen_its_recipes(
 ):
     view = ScoreView(scale, "observed", opened.split.partial)
     if kind != "tables":
-        monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 1)
+        monkeypatch.setattr("wordcraft_kg.models.scorers.score_limits.TABLE_LIMIT", 1)
         monkeypatch.setattr(registry, "TABLE_LIMIT", 1)
     # The lists of a recipe scorer score links when they are asked for.
     scorer = load_scorer(recipes_folder if kind == "lists" else folder)

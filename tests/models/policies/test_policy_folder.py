@@ -15,8 +15,8 @@ from torch import Tensor
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.graphs import COMBINES_WITH
 from wordcraft_kg.models.policies.attention import AttentionPolicy
-from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.policies.folder import (
+from wordcraft_kg.models.policies.policy_config import PolicyConfig
+from wordcraft_kg.models.policies.policy_folder import (
     load_policy,
     make_policy,
     read_policy,

@@ -10,16 +10,16 @@ from small_scorers import BareScorer, scaled_scorer, states as states_of
 import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg import plugins
 from wordcraft_kg.agents import states as engine_states
-from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
-from wordcraft_kg.agents.training import train_agent
+from wordcraft_kg.agents.agent_config import AgentConfig, ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.agent_training import train_agent
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.envs.wrappers import KGScoreObservation
 from wordcraft_kg.graphs import OUTSIDE, RELATIONS
-from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.policies.folder import load_policy
+from wordcraft_kg.models.policies.policy_config import PolicyConfig
+from wordcraft_kg.models.policies.policy_folder import load_policy
 from wordcraft_kg.models.policies.sources import (
     ALPHA,
     label_of,
@@ -197,7 +197,7 @@ def test_sources_that_do_not_fit_are_refused_before_the_tasks(
     folded, tmp_path, no_tables, monkeypatch
 ):
     """An agent whose sources do not fit is refused before its tasks are made."""
-    monkeypatch.setattr("wordcraft_kg.agents.training.World", None)
+    monkeypatch.setattr("wordcraft_kg.agents.agent_training.World", None)
     with pytest.raises(ConfigError, match="score table"):
         train_agent(AgentConfig("kitchen", str(folded)), tmp_path / "run")
     assert not (tmp_path / "run").exists()
@@ -206,7 +206,7 @@ def test_sources_that_do_not_fit_are_refused_before_the_tasks(
 def test_an_agent_learns_with_factors_and_its_policy_comes_back(
     folded, tmp_path, no_tables, monkeypatch
 ):
-    monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 1)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.score_limits.TABLE_LIMIT", 1)
     policy = PolicyConfig(scale="standardise")
     config = AgentConfig("kitchen", str(folded), TaskConfig(), policy, ImpalaConfig(steps=512))
     trained = train_agent(config, tmp_path / "run")

@@ -15,8 +15,8 @@ from wordcraft_kg.graphs import (
     write_graph_folder,
 )
 from wordcraft_kg.models.recipes import set_fitting
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.recipe_training import train_recipes
 
 LETTERS = "abcdefgh"
 

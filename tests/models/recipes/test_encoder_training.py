@@ -22,16 +22,16 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig, make_split
 from wordcraft_kg.graphs.train_samples import Folds, make_folds
 from wordcraft_kg.models.knowledge.books import open_other_book
-from wordcraft_kg.models.recipes import config, encoder_fitting, fitting, training
-from wordcraft_kg.models.recipes.config import (
+from wordcraft_kg.models.recipes import encoder_fitting, fitting, recipe_config, recipe_training
+from wordcraft_kg.models.recipes.encoder_fitting import EncoderSchedule, fit_encoders
+from wordcraft_kg.models.recipes.fitting import encoders_of, fit_recipe_scorers
+from wordcraft_kg.models.recipes.recipe_config import (
     ENCODER_FROM,
     ENCODER_UP_TO,
     RecipesConfig,
     RecipeScorerConfig,
 )
-from wordcraft_kg.models.recipes.encoder_fitting import EncoderSchedule, fit_encoders
-from wordcraft_kg.models.recipes.fitting import encoders_of, fit_recipe_scorers
-from wordcraft_kg.models.recipes.training import encoder_of_books, train_recipes
+from wordcraft_kg.models.recipes.recipe_training import encoder_of_books, train_recipes
 from wordcraft_kg.models.scorers.neighbours.pair_features import OF_ENCODER
 from wordcraft_kg.models.scorers.neighbours.results import results_of
 
@@ -68,7 +68,7 @@ def test_an_interrupted_run_continues_to_the_same_bytes(book, trained, done, lef
     with pytest.raises(KeyboardInterrupt, match=r"fits are saved in .*, and \d pair encoders"):
         train_recipes(RecipesConfig(str(book), WITH), folder, progress=interrupt_after(done))
     before = contents(folder / "checkpoints")
-    needed = recorded(monkeypatch, training, "fit_encoders")
+    needed = recorded(monkeypatch, recipe_training, "fit_encoders")
     resume(folder)
     assert before
     # Beside the encoder that was reported, another may have ended.
@@ -174,7 +174,7 @@ def other_book(book, tmp_path_factory):
 
 @pytest.mark.slow
 def test_a_large_other_book_gives_all_folds_its_encoder(book, other_book, tmp_path, monkeypatch):
-    monkeypatch.setattr(config, "ENCODER_FROM", 1)
+    monkeypatch.setattr(recipe_config, "ENCODER_FROM", 1)
     settings = RecipeScorerConfig(folds=3, features="one-hot", with_=(str(other_book),))
     scorer = load_scorer(
         train_recipes(RecipesConfig(str(book), settings), tmp_path / "model").folder

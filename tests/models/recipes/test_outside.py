@@ -25,7 +25,7 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig
 from wordcraft_kg.graphs.triples import is_in
 from wordcraft_kg.models.knowledge.books import open_other_book, with_words_of
-from wordcraft_kg.models.knowledge.folder import (
+from wordcraft_kg.models.knowledge.knowledge_folder import (
     FACTS,
     KnowledgeRecord,
     KnowledgeTables,

@@ -21,7 +21,7 @@ from wordcraft_kg import (
 )
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError
 from wordcraft_kg.graphs import make_folds
-from wordcraft_kg.models.recipes import training
+from wordcraft_kg.models.recipes import recipe_training
 from wordcraft_kg.models.recipes.committee import (
     TABLES,
     Examples,
@@ -31,7 +31,7 @@ from wordcraft_kg.models.recipes.committee import (
     _set_gradients,
     fit_committee,
 )
-from wordcraft_kg.models.scorers import config, config as limits
+from wordcraft_kg.models.scorers import score_limits
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
@@ -68,7 +68,7 @@ def spoilt(recipes_folder, tmp_path):
 def test_the_same_settings_give_the_same_bytes_with_one_thread_or_two(book, small, monkeypatch):
     state = torch.get_rng_state()
     # Folds of the small scorer were fitted one by one.
-    monkeypatch.setattr(training, "cores", lambda: 2)
+    monkeypatch.setattr(recipe_training, "cores", lambda: 2)
     folder = train_recipes(RecipesConfig(str(book), SMALL), small.parent / "with-2").folder
     assert same_files(small, folder, "calibration.json")
     assert torch.equal(torch.get_rng_state(), state)
@@ -83,7 +83,7 @@ def test_an_interrupted_run_continues_to_the_same_bytes(book, small, monkeypatch
     folder = small.parent / "interrupted"
     with pytest.raises(KeyboardInterrupt, match=r"1 of 4 fits are saved.*Repeat the command"):
         train_recipes(RecipesConfig(str(book), SMALL), folder, progress=interrupt_after(4))
-    made = recorded(monkeypatch, training, "fit_recipe_scorers")
+    made = recorded(monkeypatch, recipe_training, "fit_recipe_scorers")
     resume(folder)
     assert made == [(0,), (1,), (2,)]
     assert same_files(folder, small, "calibration.json")
@@ -241,16 +241,16 @@ def test_a_plan_may_make_an_entity_that_no_known_recipe_makes():
 def test_fewer_sets_of_lists_are_made_at_once_where_memory_is_short(monkeypatch):
     size = (30_000, 150_000, 384)
     for available in (1, 3):
-        has_room_for = limits.fitting_bytes(*size, available)
-        monkeypatch.setattr(limits, "memory", lambda room=has_room_for: room)
-        assert limits.fitting_workers(*size, most=4) == available
+        has_room_for = score_limits.fitting_bytes(*size, available)
+        monkeypatch.setattr(score_limits, "memory", lambda room=has_room_for: room)
+        assert score_limits.fitting_workers(*size, most=4) == available
 
 
 def test_too_little_memory_or_too_much_outside_is_refused_at_first(book, tmp_path, monkeypatch):
-    monkeypatch.setattr(limits, "memory", lambda: 2**20)
+    monkeypatch.setattr(score_limits, "memory", lambda: 2**20)
     with pytest.raises(ConfigError, match=r"12 entities and \d+ recipes takes about .* GiB"):
         train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "model")
-    monkeypatch.setattr(config, "TABLE_LIMIT", 2**8)
+    monkeypatch.setattr(score_limits, "TABLE_LIMIT", 2**8)
     outside = RecipesConfig(str(book), replace(SMALL, with_=("everyday",)))
     with pytest.raises(ConfigError, match=r"outside knowledge.*12 entities"):
         train_recipes(outside, tmp_path / "model")

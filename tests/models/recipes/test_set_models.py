@@ -29,9 +29,9 @@ from wordcraft_kg.graphs import (
     write_graph_folder,
 )
 from wordcraft_kg.models.recipes import set_fitting
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.recipe_training import train_recipes
 from wordcraft_kg.models.recipes.set_training import rows_of_sets, with_new_entities
-from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.sets import knowledge as set_knowledge, loops
 from wordcraft_kg.models.scorers.sets.formulas import parse_formula
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge

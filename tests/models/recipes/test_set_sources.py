@@ -8,13 +8,13 @@ import torch
 
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.players import BEST_SET, PLANNER, knowledge_player, scorer_players
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import (
     open_graph,
 )
-from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_policy
+from wordcraft_kg.models.policies.policy_config import PolicyConfig
+from wordcraft_kg.models.policies.policy_folder import load_policy, make_policy, save_policy
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.recipes import set_fitting

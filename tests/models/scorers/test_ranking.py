@@ -19,11 +19,10 @@ from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples, triple_keys
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.complex import ComplExN3
-from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.models.links.link_config import ComplExConfig
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.scorers import ranking as link_prediction
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
-from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import (
     RankingMetrics,
     random_metrics,
@@ -34,6 +33,7 @@ from wordcraft_kg.models.scorers.ranking import (
     triple_groups,
     with_interval,
 )
+from wordcraft_kg.models.scorers.scorer_folder import make_scorer
 
 HITS = (1, 3, 10)
 

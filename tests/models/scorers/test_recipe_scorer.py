@@ -239,7 +239,7 @@ def test_large_tables_and_foreign_vectors_are_refused(kitchen, monkeypatch):
     """A table that is too large and vectors of another graph are refused."""
     with refuses("vectors"):
         KernelScorer(kitchen, kitchen.recipes, np.zeros((3, 4)))
-    monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 1_000)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.score_limits.TABLE_LIMIT", 1_000)
     with pytest.raises(ConfigError, match="the recipe kernel needs"):
         KernelScorer(kitchen, kitchen.recipes)
 

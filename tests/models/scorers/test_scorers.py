@@ -26,7 +26,7 @@ from wordcraft_kg.base import (
     sha256_of,
 )
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, RecipeGraph, recipe_triples
-from wordcraft_kg.models.scorers import config
+from wordcraft_kg.models.scorers import score_limits
 from wordcraft_kg.models.scorers.baselines import (
     FrequencyScorer,
     KernelScorer,
@@ -36,9 +36,9 @@ from wordcraft_kg.models.scorers.baselines import (
 )
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, cross_fit
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
-from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.models.scorers.scorer_folder import make_scorer
 
 GRAPH = random_graph(num_entities=12, num_recipes=30)
 SIZE = GRAPH.num_entities
@@ -214,7 +214,7 @@ def test_complex_scores_are_those_of_equation_1():
     ("limit", "kind"), [(PAIRS_BYTES, TableScorer), (PAIRS_BYTES - 1, ComplExScorer)]
 )
 def test_embeddings_become_a_table_where_it_fits_the_limit(monkeypatch, limit, kind):
-    monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", limit)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.score_limits.TABLE_LIMIT", limit)
     assert type(make_scorer("complex", EMBEDDINGS, GRAPH.entities, GRAPH.hash)) is kind
 
 
@@ -312,7 +312,7 @@ def test_a_table_models_scores_are_those_of_the_pykeen_model(distmult_folder):
 @pytest.mark.slow
 def test_loading_and_using_a_scorer_does_not_import_pykeen(complex_folder):
     code = (
-        "import sys; from wordcraft_kg.models.scorers.folder import load_scorer\n"
+        "import sys; from wordcraft_kg.models.scorers.scorer_folder import load_scorer\n"
         f"load_scorer({str(complex_folder)!r}).top(None, 'componentOf', 'bread', 1); "
         "sys.exit('pykeen' in sys.modules)"
     )
@@ -380,9 +380,9 @@ def test_a_table_of_any_strides_scores_like_a_plain_one():
 
 def test_what_needs_all_pairs_is_refused_with_their_size(monkeypatch):
     """What needs all pairs is refused with their size before it is computed."""
-    monkeypatch.setattr(config, "TABLE_LIMIT", PAIRS_BYTES)
+    monkeypatch.setattr(score_limits, "TABLE_LIMIT", PAIRS_BYTES)
     NeighbourScorer(GRAPH, GRAPH.triples)
-    monkeypatch.setattr(config, "TABLE_LIMIT", PAIRS_BYTES - 1)
+    monkeypatch.setattr(score_limits, "TABLE_LIMIT", PAIRS_BYTES - 1)
     with pytest.raises(ConfigError, match=f"a score table for {SIZE} entities"):
         NeighbourScorer(GRAPH, GRAPH.triples)
 
@@ -394,7 +394,7 @@ def test_embeddings_serve_where_a_table_is_too_large(
     config = LinkModelConfig(model="distmult", dim=4, epochs=2, folds=0)
     distmult = train(opened_kitchen, config, tmp_path / "table").folder
     tables = [load_scorer(complex_folder), load_scorer(distmult)]
-    monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 0)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.score_limits.TABLE_LIMIT", 0)
     again = train(opened_kitchen, config, tmp_path / "embeddings").folder
     for table, scorer in zip(
         tables, (load_scorer(complex_folder), load_scorer(again)), strict=True
@@ -405,7 +405,7 @@ def test_embeddings_serve_where_a_table_is_too_large(
 
 def test_a_table_too_large_is_refused_before_training(opened_kitchen, tmp_path, monkeypatch):
     """A model that needs a table too large is refused before training with models that do not."""
-    monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 0)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.score_limits.TABLE_LIMIT", 0)
     with pytest.raises(ConfigError, match=r"'rotate' needs a score table.*distmult, and ComplEx"):
         train(opened_kitchen, LinkModelConfig(model="rotate"), tmp_path / "model")
     assert not (tmp_path / "model").exists()

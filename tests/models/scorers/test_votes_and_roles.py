@@ -10,7 +10,7 @@ from small_scorers import complex_scorer, cosine, normal, table_scorer
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, RecipeGraph
-from wordcraft_kg.models.scorers import config
+from wordcraft_kg.models.scorers import score_limits
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer, VoteScorer
 from wordcraft_kg.models.scorers.link_evidence import ROLES, EntityRoles, centred
 
@@ -80,7 +80,7 @@ def test_without_recipes_nothing_is_preferred():
 
 def test_recipes_are_scored_without_a_table_of_all_pairs(monkeypatch):
     """Recipes are scored where the scores of all pairs would be too many."""
-    monkeypatch.setattr(config, "TABLE_LIMIT", len(RELATIONS) * SIZE**2 * 4 - 1)
+    monkeypatch.setattr(score_limits, "TABLE_LIMIT", len(RELATIONS) * SIZE**2 * 4 - 1)
     scorer = VoteScorer(GRAPH, KNOWN)
     assert scorer.score_recipes(0, 1, EVERYTHING).shape == (SIZE,)
     with pytest.raises(ConfigError, match=f"a score table for {SIZE} entities"):
@@ -147,7 +147,7 @@ def test_an_entity_that_all_score_alike_is_like_none():
 
 
 def test_too_many_pairs_without_factors_are_refused(monkeypatch):
-    monkeypatch.setattr(config, "TABLE_LIMIT", 8 * SIZE**2 - 1)
+    monkeypatch.setattr(score_limits, "TABLE_LIMIT", 8 * SIZE**2 - 1)
     with pytest.raises(ConfigError, match="comparing entities by scores needs a score table"):
         EntityRoles.of(table_scorer(normal(2, SIZE, SIZE)))
     assert EntityRoles.of(complex_scorer(SIZE, 3)).lengths.shape == (SIZE, 4)

@@ -47,7 +47,7 @@ from wordcraft_kg.base import (
 from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.base.tensors import read_tensors
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.models.knowledge.folder import (
+from wordcraft_kg.models.knowledge.knowledge_folder import (
     KnowledgeRecord,
     KnowledgeTables,
     Role,

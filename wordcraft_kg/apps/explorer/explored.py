@@ -9,17 +9,17 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Literal, TypeVar, cast
 
+from wordcraft_kg.agents.agent_config import TaskConfig
 from wordcraft_kg.agents.agent_folder import AGENTS
-from wordcraft_kg.agents.config import TaskConfig
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base import ArtefactError, ConfigError, UnknownEntityError, nearest
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.evaluation.suggestions import is_set_model
 from wordcraft_kg.graphs import OpenedGraph, Planner, TaskPart, open_graph
 from wordcraft_kg.graphs.splits import TEST
-from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.models.model_folder import open_model
 from wordcraft_kg.runs.record import RunFiles, run_folders, run_name
 
 T = TypeVar("T")

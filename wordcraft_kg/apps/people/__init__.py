@@ -3,8 +3,8 @@
 Read ``protocol`` first: the tasks, their order, and what an answer is. Then read ``study`` (the
 study folder: ``study.json``, forms and conditions) and ``answers_database`` (each answer is on disk
 before the next page). ``web_app`` has the pages, ``summary`` the success rates of people, and of
-agents at the same tables, ``config`` the settings and the default consent text. ``commands`` has
-the command line.
+agents at the same tables, ``study_config`` the settings and the default consent text. ``commands``
+has the command line.
 
 Pages and summaries may change freely. Three things may not: the seeds in ``protocol``
 (a begun study must pose the same tasks), the tables in ``answers_database`` and the fields of

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wordcraft_kg.apps.people.config import TASKS_PER_PART
+from wordcraft_kg.apps.people.study_config import TASKS_PER_PART
 from wordcraft_kg.base import Record, whole
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
 from wordcraft_kg.envs.words import results_of, table_labels
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import GraphLike, Recipe
 
 HUMAN_PARTS = ("train", "test")

@@ -21,7 +21,6 @@ from wordcraft_kg.apps.people.answers_database import (
     StoredAnswer,
     read_answers,
 )
-from wordcraft_kg.apps.people.config import MOST_TASKS, StudyConfig
 from wordcraft_kg.apps.people.protocol import (
     HUMAN_PARTS,
     Answer,
@@ -29,6 +28,7 @@ from wordcraft_kg.apps.people.protocol import (
     PosedTask,
     schedule,
 )
+from wordcraft_kg.apps.people.study_config import MOST_TASKS, StudyConfig
 from wordcraft_kg.base import (
     ArtefactError,
     ConfigError,
@@ -45,7 +45,7 @@ from wordcraft_kg.base import (
     what_is,
     write_atomically,
 )
-from wordcraft_kg.graphs.folder import GraphLike
+from wordcraft_kg.graphs.graph_folder import GraphLike
 from wordcraft_kg.runs.run_folder import locked_folder
 
 STUDY_FILE = "study.json"

@@ -18,8 +18,8 @@ What lies where:
   AI, and their logs);
 * doors for training: ``hosted_games`` (games by name and number), ``trl`` (an environment and a
   data set), ``openenv_server``, ``text_env`` (Gymnasium), ``chats`` (to fine-tune on);
-* results: ``records`` (lines of ``games.jsonl``), ``results`` (play, resume, the same metrics as
-  agent evaluation);
+* results: ``game_records`` (lines of ``games.jsonl``), ``results`` (play, resume, the same metrics
+  as agent evaluation);
 * the benchmark: ``benchmark`` (tracks), ``benchmark_players`` (kinds of players), ``submission``
   (write and verify);
 * ``browser_game``: a recipe book as a page that plays alone;

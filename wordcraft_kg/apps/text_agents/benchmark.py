@@ -17,8 +17,8 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.apps.text_agents.conversation import PartialGraphKnowledge, Play
+from wordcraft_kg.apps.text_agents.game_records import PlayedSettings
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
-from wordcraft_kg.apps.text_agents.records import PlayedSettings
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, MAX_INVALID, LookUps
 from wordcraft_kg.base import (
     ConfigError,
@@ -31,9 +31,9 @@ from wordcraft_kg.base import (
     parse_record,
     read_small_file,
 )
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import (
     OpenedGraph,
     RecipeGraph,

@@ -16,13 +16,13 @@ import numpy as np
 from wordcraft_kg.agents.discovery import Discoverer, RandomDiscoverer, make_discoverers
 from wordcraft_kg.apps.text_agents.benchmark import Track, open_track, read_manifest
 from wordcraft_kg.apps.text_agents.chat_server import KEY, ChatServer
-from wordcraft_kg.apps.text_agents.games import Picks
-from wordcraft_kg.apps.text_agents.line_player import LinePlayer
-from wordcraft_kg.apps.text_agents.records import (
+from wordcraft_kg.apps.text_agents.game_records import (
     GAMES_FILE,
     GameRecord,
     PlayedSettings,
 )
+from wordcraft_kg.apps.text_agents.games import Picks
+from wordcraft_kg.apps.text_agents.line_player import LinePlayer
 from wordcraft_kg.apps.text_agents.results import TextPlayer, play_all, read_games
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
 from wordcraft_kg.apps.text_agents.submission import (
@@ -247,8 +247,8 @@ def _with_model(
 ) -> Entrant:
     """Let a model play: the first of the scorer's players in ``names`` that the model has."""
     from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer  # these load torch
-    from wordcraft_kg.models.folder import open_model
-    from wordcraft_kg.models.scorers.folder import WEIGHTS
+    from wordcraft_kg.models.model_folder import open_model
+    from wordcraft_kg.models.scorers.scorer_folder import WEIGHTS
 
     model = open_model(folder)
     model_graph = model.opened
@@ -339,7 +339,7 @@ def named_player(name: str, opened: OpenedGraph, tasks: TaskSet) -> tuple[str, "
         agent = open_agent(folder)
         check_graph(folder, agent.opened, opened)
         return agent.name, PolicyPlayer(agent.policy)
-    from wordcraft_kg.models.folder import open_model
+    from wordcraft_kg.models.model_folder import open_model
 
     model = open_model(folder)
     check_graph(folder, model.opened, opened)
@@ -386,8 +386,8 @@ def _learned_from(model: "Model", track: Track, kg: str) -> str:
 def _agent(track: Track, argument: str, settings: RunSettings) -> Entrant:
     from wordcraft_kg.agents.agent_folder import open_agent  # these load torch
     from wordcraft_kg.agents.evaluation import PolicyPlayer
-    from wordcraft_kg.models.folder import open_model
-    from wordcraft_kg.models.scorers.folder import WEIGHTS
+    from wordcraft_kg.models.model_folder import open_model
+    from wordcraft_kg.models.scorers.scorer_folder import WEIGHTS
     from wordcraft_kg.runs.record import check_done
 
     agent = open_agent(argument)

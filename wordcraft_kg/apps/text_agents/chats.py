@@ -407,7 +407,7 @@ def recipe_scorer(folder: Path, opened: OpenedGraph) -> "RecipeScores":
         GraphMismatchError: if it is of another graph or split.
         ArtefactError: if the folder is missing or damaged.
     """
-    from wordcraft_kg.models.folder import open_model
+    from wordcraft_kg.models.model_folder import open_model
     from wordcraft_kg.models.scorers.protocol import RecipeScores
 
     model = open_model(folder)

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import msgspec
 import numpy as np
 
+from wordcraft_kg.apps.text_agents.game_records import PlayedSettings
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames, Game, TaskGame, TaskGames
-from wordcraft_kg.apps.text_agents.records import PlayedSettings
 from wordcraft_kg.apps.text_agents.settings import (
     ATTEMPTS,
     LOOK_UPS,
@@ -248,7 +248,7 @@ def open_knowledge(settings: GameSettings, opened: OpenedGraph) -> Knowledge | N
     """
     if settings.scorer is None:
         return PartialGraphKnowledge(opened.split) if settings.knowledge == "partial" else None
-    from wordcraft_kg.models.folder import open_model
+    from wordcraft_kg.models.model_folder import open_model
 
     model = open_model(settings.scorer, opened.source)
     if model.opened.split.hash != opened.split.hash:
@@ -565,9 +565,9 @@ class Play:
         Args:
             graph: graph folder, recipe book file, or name of a built-in book.
             settings: the games.
-            reward: reward preset of tasks, see :data:`~wordcraft_kg.envs.config.REWARDS`.
+            reward: reward preset of tasks, see :data:`~wordcraft_kg.envs.world_config.REWARDS`.
             rules: further fields of
-                :class:`~wordcraft_kg.apps.text_agents.records.PlayedSettings` to record.
+                :class:`~wordcraft_kg.apps.text_agents.game_records.PlayedSettings` to record.
 
         Raises:
             ConfigError: for settings that do not fit the graph, or an unknown reward.

@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
+from wordcraft_kg.apps.text_agents.game_records import GameRecord, GamesHeader
 from wordcraft_kg.apps.text_agents.games import TaskGames
-from wordcraft_kg.apps.text_agents.records import GameRecord, GamesHeader
 from wordcraft_kg.apps.text_agents.results import (
     append_game,
     chosen_tasks,
@@ -38,7 +38,7 @@ from wordcraft_kg.base import (
     made_folder,
     one_of,
 )
-from wordcraft_kg.envs.config import REWARDS
+from wordcraft_kg.envs.world_config import REWARDS
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.runs.run_folder import locked
 
@@ -209,7 +209,7 @@ def open_play(
         depth: fewest attempts that solve a task.
         distractors: entities on the table that no plan needs.
         attempts: attempts in a game; None for the depth.
-        reward: a name in :data:`~wordcraft_kg.envs.config.REWARDS`.
+        reward: a name in :data:`~wordcraft_kg.envs.world_config.REWARDS`.
         knowledge: what can be looked up.
         look_ups: look-ups in a game.
 

@@ -15,8 +15,8 @@ from msgspec.structs import replace
 
 from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.conversation import Play
+from wordcraft_kg.apps.text_agents.game_records import GameRecord, PlayedSettings
 from wordcraft_kg.apps.text_agents.games import TaskGames
-from wordcraft_kg.apps.text_agents.records import GameRecord, PlayedSettings
 from wordcraft_kg.apps.text_agents.results import (
     COUNTS,
     chosen_tasks,

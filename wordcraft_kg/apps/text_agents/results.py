@@ -18,16 +18,16 @@ from typing import TYPE_CHECKING, Protocol
 import msgspec
 import numpy as np
 
+from wordcraft_kg.agents.agent_records import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.agents.discovery import LATER_MARKS, MARKS
-from wordcraft_kg.agents.records import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play, converse
-from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TableOf, TaskGame, TaskGames
-from wordcraft_kg.apps.text_agents.records import (
+from wordcraft_kg.apps.text_agents.game_records import (
     GAMES_FILE,
     GameRecord,
     GamesHeader,
     PlayedSettings,
 )
+from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TableOf, TaskGame, TaskGames
 from wordcraft_kg.base import (
     MAX_SIZE,
     ArtefactError,

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.base import MAX_SIZE, ConfigError, one_of, whole
 from wordcraft_kg.cli.console import Flag, split_labels
-from wordcraft_kg.envs.config import MAX_ATTEMPTS, WordCraftConfig
+from wordcraft_kg.envs.world_config import MAX_ATTEMPTS, WordCraftConfig
 from wordcraft_kg.graphs import MAX_DEPTH, TaskPart
 
 KnowledgeKind = Literal["none", "partial", "scorer"]

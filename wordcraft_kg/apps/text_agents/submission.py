@@ -25,8 +25,8 @@ import numpy as np
 
 from wordcraft_kg.apps.text_agents.benchmark import Track, open_track, read_manifest
 from wordcraft_kg.apps.text_agents.conversation import Play
+from wordcraft_kg.apps.text_agents.game_records import GAMES_FILE, GameRecord
 from wordcraft_kg.apps.text_agents.games import Picks, TaskGame
-from wordcraft_kg.apps.text_agents.records import GAMES_FILE, GameRecord
 from wordcraft_kg.apps.text_agents.results import mean_known
 from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.base import (
@@ -663,7 +663,8 @@ def read_submission_file(submission: Path, name: str) -> bytes:
 
     Args:
         submission: a folder, an archive, or a folder in an archive.
-        name: :data:`SUBMISSION_FILE` or :data:`~wordcraft_kg.apps.text_agents.records.GAMES_FILE`.
+        name: :data:`SUBMISSION_FILE` or
+            :data:`~wordcraft_kg.apps.text_agents.game_records.GAMES_FILE`.
 
     Raises:
         ArtefactError: if the file is missing, too large or damaged.

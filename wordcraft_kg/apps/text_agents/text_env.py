@@ -14,10 +14,10 @@ from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, MAX_INVALID, LookUps
 from wordcraft_kg.base import MAX_SIZE, ActionError, ConfigError, EpisodeError, one_of, whole
-from wordcraft_kg.envs.config import METADATA, check_mode
 from wordcraft_kg.envs.words import characters
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import GraphLike
+from wordcraft_kg.envs.world_config import METADATA, check_mode
+from wordcraft_kg.graphs.graph_folder import GraphLike
 
 LONGEST_ACTION = 10_000
 """Characters of an action in the space; of a longer one the last are read."""
@@ -82,7 +82,7 @@ class TextEnv(gym.Env[str, str]):
             knowledge: look-ups: none, or partial (train recipes).
             look_ups: look-ups in a game.
             difficulty: least and largest measured difficulty of the tasks to draw; None for all.
-            settings: settings of :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
+            settings: settings of :class:`~wordcraft_kg.envs.world_config.WordCraftConfig`.
 
         Raises:
             ConfigError: for an unknown setting, or a value out of range.

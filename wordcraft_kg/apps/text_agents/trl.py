@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Any, Literal
 from msgspec.structs import replace
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation
+from wordcraft_kg.apps.text_agents.game_records import GameRecord
 from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import NamedGame, open_play, tool_opening
-from wordcraft_kg.apps.text_agents.records import GameRecord
 from wordcraft_kg.apps.text_agents.results import chosen_tasks, record_of
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
 from wordcraft_kg.base import ConfigError, EpisodeError, whole

@@ -25,9 +25,9 @@ from wordcraft_kg.graphs import (
     open_graph,
 )
 from wordcraft_kg.models.knowledge.words import words_of_books
-from wordcraft_kg.models.scorers.config import fitting_workers
 from wordcraft_kg.models.scorers.features import EntityFeatures
 from wordcraft_kg.models.scorers.neighbours.lists import ordered_recipes
+from wordcraft_kg.models.scorers.score_limits import fitting_workers
 
 _DIM = 384
 """Length of a word vector, about, to say before the start how much memory another book takes."""

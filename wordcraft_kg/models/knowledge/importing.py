@@ -27,7 +27,7 @@ from wordcraft_kg.models.knowledge.alignment import (
     align,
     with_overrides,
 )
-from wordcraft_kg.models.knowledge.folder import (
+from wordcraft_kg.models.knowledge.knowledge_folder import (
     FACTS,
     TRIPLES,
     KnowledgeRecord,
@@ -39,7 +39,7 @@ from wordcraft_kg.models.knowledge.paths import make_tables, with_descriptions
 from wordcraft_kg.models.knowledge.readers import HEADER, read_conceptnet, read_triples
 from wordcraft_kg.models.knowledge.surroundings import Surroundings
 from wordcraft_kg.models.knowledge.wordnet import read_wordnet
-from wordcraft_kg.models.scorers.config import check_table
+from wordcraft_kg.models.scorers.score_limits import check_table
 
 COMMAND = "import-knowledge"
 """Name of the command in ``run.json``."""

@@ -32,15 +32,15 @@ from wordcraft_kg.models.knowledge.books import (
     open_other_book,
     with_words_of,
 )
-from wordcraft_kg.models.knowledge.folder import (
+from wordcraft_kg.models.knowledge.knowledge_folder import (
     KNOWLEDGE,
     TABLES,
     knowledge_files,
     read_knowledge,
 )
 from wordcraft_kg.models.knowledge.words import Words
-from wordcraft_kg.models.scorers.config import check_table
 from wordcraft_kg.models.scorers.neighbours.links import CELLS, link_features
+from wordcraft_kg.models.scorers.score_limits import check_table
 
 _OF_A_BOOK = ("graph", "split", "overrides")
 """Inputs of a knowledge folder that differ between books; other inputs, such as weights, are of the

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from wordcraft_kg.models.knowledge.alignment import Alignment
-from wordcraft_kg.models.knowledge.folder import TableInfo
+from wordcraft_kg.models.knowledge.knowledge_folder import TableInfo
 from wordcraft_kg.models.knowledge.network import Network, plain
 
 IS_A = ("isA", "IsA")

@@ -1,17 +1,17 @@
 """Train link predictors (models that score triples) with PyKEEN, into model folders.
 
-Read ``config`` first (all settings), then ``training`` (a run from begin to model folder),
-``fitting`` (epochs, validation, checkpoints), ``builders`` (from settings to a PyKEEN model, and
-from the model to scorer tensors) and ``records`` (the folder's files). ``complex`` and
-``symmetric_lcwa`` are model and objective of the WordCraft paper (Jiang et al. 2020).
-``training`` also trains the models of folds, ``fitting`` chooses weights on small and on large
-books, and ``outside`` reads triples from outside the book. ``pykeen_bridge`` guards PyKEEN's
-global generators, and makes scorers from models of PyKEEN's pipeline. PyKEEN is used in this
-package and in ``wordcraft_kg/pykeen_dataset.py``, and nowhere else.
+Read ``link_config`` first (all settings), then ``link_training`` (a run from begin to model
+folder), ``fitting`` (epochs, validation, checkpoints), ``builders`` (from settings to a PyKEEN
+model, and from the model to scorer tensors) and ``link_records`` (the folder's files). ``complex``
+and ``symmetric_lcwa`` are model and objective of the WordCraft paper (Jiang et al. 2020).
+``link_training`` also trains the models of folds, ``fitting`` chooses weights on small and on large
+books, and ``outside`` reads triples from outside the book. ``pykeen_bridge`` guards PyKEEN's global
+generators, and makes scorers from models of PyKEEN's pipeline. PyKEEN is used in this package and
+in ``wordcraft_kg/pykeen_dataset.py``, and nowhere else.
 
-Add a kind of model freely: its settings in ``config``, two functions in ``builders``. Changes of
-sums, of their order or of random draws change the bits of trained models; such a change needs a new
-number in ``VERSIONS`` (``studies/plan.py``)::
+Add a kind of model freely: its settings in ``link_config``, branches in ``builders``. Changes
+of sums, of their order or of random draws change the bits of trained models; such a change needs a
+new number in ``VERSIONS`` (``studies/plan.py``)::
 
     trained = train_links(LinksConfig("everyday", ComplExConfig(epochs=20)), Path("models/mine"))
     model = open_model(trained.folder)

@@ -4,7 +4,7 @@ Popularity (log counts in the training triples) is a part of ComplEx, in further
 softmax over entities first learns how often each entity is an answer, and on a small book the
 embeddings learn little more. As dimensions, the counts need no other kind of scorer.
 
-A new kind of link predictor is a class of settings in ``config.py`` and two functions here.
+A new kind of link predictor is a class of settings in ``link_config.py`` and branches here.
 
 The page docs/link-prediction.md says which models there are, under *Train*.
 """
@@ -21,7 +21,7 @@ from pykeen.triples import TriplesFactory
 from wordcraft_kg.base import ConfigError, nearest, refuse
 from wordcraft_kg.graphs import RELATIONS, Ids
 from wordcraft_kg.models.links.complex import ComplExN3
-from wordcraft_kg.models.links.config import (
+from wordcraft_kg.models.links.link_config import (
     ComplExConfig,
     LinkModelConfig,
     LinkSettings,
@@ -31,8 +31,8 @@ from wordcraft_kg.models.links.symmetric_lcwa import (
     IndexedSymmetricLCWATrainingLoop,
     SampledSymmetricLCWATrainingLoop,
 )
-from wordcraft_kg.models.scorers.config import TABLE_LIMIT, has_table, table_bytes
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
+from wordcraft_kg.models.scorers.score_limits import TABLE_LIMIT, has_table, table_bytes
 
 
 def make_training_loop(

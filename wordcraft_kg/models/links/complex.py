@@ -19,7 +19,7 @@ from pykeen.models import ERModel, model_resolver
 from pykeen.nn.modules import ComplExInteraction, interaction_resolver
 from pykeen.regularizers import PowerSumRegularizer
 
-from wordcraft_kg.models.links.config import N3_PARTIAL, PAPER_DIM, ComplExConfig
+from wordcraft_kg.models.links.link_config import N3_PARTIAL, PAPER_DIM, ComplExConfig
 from wordcraft_kg.models.scorers.factors import real_dot
 
 

@@ -33,7 +33,8 @@ from wordcraft_kg.base.errors import SplitError, TrainingError
 from wordcraft_kg.base.tensors import copied, with_prefix
 from wordcraft_kg.graphs import Ids, OpenedGraph, RecipeGraph, Split, SplitConfig, make_split
 from wordcraft_kg.models.links.builders import make_training_loop, scorer_tensors
-from wordcraft_kg.models.links.config import N3_PARTIAL, ComplExConfig, LinkSettings
+from wordcraft_kg.models.links.link_config import N3_PARTIAL, ComplExConfig, LinkSettings
+from wordcraft_kg.models.links.link_records import Candidate, Choice, LinkProgress, TraceRow
 from wordcraft_kg.models.links.outside import OutsideTriples
 from wordcraft_kg.models.links.pykeen_bridge import (
     pykeen_guard,
@@ -41,9 +42,7 @@ from wordcraft_kg.models.links.pykeen_bridge import (
     seed_everything,
     triples_factory,
 )
-from wordcraft_kg.models.links.records import Candidate, Choice, LinkProgress, TraceRow
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
-from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import (
     MIN_TRIPLES,
     mean_reciprocal_rank,
@@ -52,6 +51,7 @@ from wordcraft_kg.models.scorers.ranking import (
     sampled_for,
 )
 from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.models.scorers.scorer_folder import make_scorer
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.run_folder import Progress, RunFolder
 from wordcraft_kg.runs.trackers import Log

@@ -13,8 +13,8 @@ import numpy as np
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs import RELATIONS, Ids, frozen
-from wordcraft_kg.models.knowledge.folder import TRIPLES, knowledge_files, read_rows
-from wordcraft_kg.models.links.records import OutsideSummary
+from wordcraft_kg.models.knowledge.knowledge_folder import TRIPLES, knowledge_files, read_rows
+from wordcraft_kg.models.links.link_records import OutsideSummary
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,8 +20,8 @@ from pykeen.triples import TriplesFactory
 from wordcraft_kg.base.errors import GraphMismatchError
 from wordcraft_kg.graphs import RELATIONS, Ids, OpenedGraph, RecipeGraph
 from wordcraft_kg.models.links.outside import OutsideTriples
-from wordcraft_kg.models.scorers.config import check_table
 from wordcraft_kg.models.scorers.factors import TableScorer
+from wordcraft_kg.models.scorers.score_limits import check_table
 
 
 def triples_factory(

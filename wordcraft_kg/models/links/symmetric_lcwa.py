@@ -7,7 +7,7 @@ samples S entities per batch in place of all entities; the gradients are sparse,
 treats like dense gradients.
 
 PyKEEN's minor version is pinned because private parts are used: two methods overridden and
-``_plain_forward`` here, ``_epoch`` and ``_should_stop`` in ``fitting.py`` and ``training.py``.
+``_plain_forward`` here, ``_epoch`` and ``_should_stop`` in ``fitting.py`` and ``link_training.py``.
 
 Shapes: B triples in a batch, E entities, S sampled entities, d complex dimensions.
 

@@ -3,8 +3,8 @@
 Read ``states`` (the input), then ``policy`` (the base class) and the kinds: ``pairs``, which scores
 pairs of slots, ``attention``, the paper's self-attention actor-critic, both with knowledge mixed
 in, and ``networks``, the paper's baseline and networks of one's own.
-``config`` holds the settings, ``sources`` the knowledge that may be mixed in; ``folder`` makes,
-writes and loads policies::
+``policy_config`` holds the settings, ``sources`` the knowledge that may be mixed in;
+``policy_folder`` makes, writes and loads policies::
 
     policy = load_policy("runs/guided")
     logits, value, sources, lambdas = policy(States(goal, selection, table))

@@ -13,7 +13,6 @@ import torch
 from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.policy import (
     EntityVectors,
     Policy,
@@ -21,6 +20,7 @@ from wordcraft_kg.models.policies.policy import (
     Weights,
     look_up,
 )
+from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.policies.sources.source import Source
 from wordcraft_kg.models.policies.states import States
 

@@ -9,7 +9,6 @@ from torch.nn.modules.dropout import _DropoutNd
 
 from wordcraft_kg.base import ConfigError, check_memory
 from wordcraft_kg.models.policies.attention import SourceWeights, mix_logits
-from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.policy import (
     EntityVectors,
     Policy,
@@ -17,6 +16,7 @@ from wordcraft_kg.models.policies.policy import (
     Weights,
     look_up,
 )
+from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.policies.sources.source import Source
 from wordcraft_kg.models.policies.states import States
 

@@ -15,7 +15,6 @@ from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.models.policies.attention import SPEED, Phases, SourceWeights, phases_of
-from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.policy import (
     EntityVectors,
     Policy,
@@ -24,6 +23,7 @@ from wordcraft_kg.models.policies.policy import (
     checked_logits,
     look_up,
 )
+from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.policies.sources.source import Source
 from wordcraft_kg.models.policies.states import States
 

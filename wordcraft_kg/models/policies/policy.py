@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from wordcraft_kg.base import ArtefactError, UnknownEntityError, nearest, refuse
 from wordcraft_kg.graphs import Entity, TaskSet
-from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.policies.sources import ALPHA, Label
 from wordcraft_kg.models.policies.sources.source import Source
 from wordcraft_kg.models.policies.states import Attempts, States

@@ -2,7 +2,7 @@
 
 Read ``fitting`` first: how rankers learn from held-out recipes, and how the fits without each fold
 share their work; ``committee`` fits the networks. ``encoder_fitting`` fits pair encoders, for large
-books. ``training`` makes a model folder of the fits, also of scorers that learn from outside
+books. ``recipe_training`` makes a model folder of the fits, also of scorers that learn from outside
 knowledge alone, and ``outside_evidence`` names what outside knowledge says for a recipe; its
 sources are in :mod:`wordcraft_kg.models.knowledge`. ``inductive`` scores entities that the graph
 lacks. The features and their mathematics are in :mod:`wordcraft_kg.models.scorers.neighbours`.

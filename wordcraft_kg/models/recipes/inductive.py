@@ -20,7 +20,7 @@ from torch import Tensor
 from wordcraft_kg.base import ArtefactError, ConfigError, FeatureSpec, UnknownEntityError, nearest
 from wordcraft_kg.graphs.recipes import check_label
 from wordcraft_kg.models.knowledge.books import ids_among
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import ENCODE, EntityFeatures, make_features, named
 from wordcraft_kg.models.scorers.neighbours.lists import nearest_words

@@ -19,7 +19,7 @@ from torch import Tensor
 from wordcraft_kg.base import ArtefactError, Record, WordCraftKGError
 from wordcraft_kg.graphs import COMBINES_WITH, RELATIONS, Entity, OpenedGraph, Recipe, open_graph
 from wordcraft_kg.models.knowledge.books import open_other_book
-from wordcraft_kg.models.knowledge.folder import (
+from wordcraft_kg.models.knowledge.knowledge_folder import (
     FACTS,
     KNOWLEDGE,
     TABLES,
@@ -30,9 +30,9 @@ from wordcraft_kg.models.knowledge.folder import (
     read_rows,
 )
 from wordcraft_kg.models.knowledge.outside import is_book
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.records import RecipeMetrics, is_of_sets
-from wordcraft_kg.models.scorers.folder import MODEL, WEIGHTS
+from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.recipe_records import RecipeMetrics, is_of_sets
+from wordcraft_kg.models.scorers.scorer_folder import MODEL, WEIGHTS
 from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.record import RunFiles, read_finished_run
 

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from wordcraft_kg.base.errors import ArtefactError, GraphError
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.models.recipes.records import FitDone
+from wordcraft_kg.models.recipes.recipe_records import FitDone
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge, Vector
 from wordcraft_kg.models.scorers.sets.networks import NAMES, Networks, fit
 from wordcraft_kg.runs.checkpoints import Checkpoints

@@ -24,12 +24,12 @@ from wordcraft_kg.graphs import (
     OpenedGraph,
     RecipeGraph,
 )
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.records import FitDone, SetMetrics, TrainedSets
+from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.recipe_records import FitDone, SetMetrics, TrainedSets
 from wordcraft_kg.models.recipes.set_fitting import FittedSets, fit_sets, folds_of_recipes
 from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
 from wordcraft_kg.models.scorers.features import make_features, named
-from wordcraft_kg.models.scorers.folder import (
+from wordcraft_kg.models.scorers.scorer_folder import (
     FOLDS_RECORD,
     FOLDS_TENSORS,
     OF_RECIPE,

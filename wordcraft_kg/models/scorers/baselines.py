@@ -14,10 +14,10 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, Ids, RecipeGraph
 from wordcraft_kg.graphs.arrays import different_ingredients
-from wordcraft_kg.models.scorers.config import check_table
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.kernel import completion, profiles
 from wordcraft_kg.models.scorers.neighbours.regression import link_factors
+from wordcraft_kg.models.scorers.score_limits import check_table
 from wordcraft_kg.models.scorers.scorer import EntityIds, Scorer
 
 

@@ -352,7 +352,7 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
 
     Returns:
         a scorer without calibration and without metrics of the folds, which
-        :func:`~wordcraft_kg.models.folder.save_scorer` computes. The fold scorers are made on
+        :func:`~wordcraft_kg.models.model_folder.save_scorer` computes. The fold scorers are made on
         demand.
 
     Raises:

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from wordcraft_kg.base.tensors import check_tensors
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.scorers.config import has_table
+from wordcraft_kg.models.scorers.score_limits import has_table
 from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer
 
 

@@ -33,8 +33,8 @@ from wordcraft_kg.graphs import (
     recipe_triples,
 )
 from wordcraft_kg.graphs.recipes import recipes_of_ids
-from wordcraft_kg.models.scorers.config import check_table, has_table
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
+from wordcraft_kg.models.scorers.score_limits import check_table, has_table
 
 Side = Literal["head", "tail"]
 _Rows = NDArray[np.float32]

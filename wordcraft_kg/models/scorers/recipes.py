@@ -7,13 +7,13 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.graphs.triples import COMBINES_WITH
-from wordcraft_kg.models.scorers.config import has_table
 from wordcraft_kg.models.scorers.factors import grids
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.results import CANDIDATES, results_of
 from wordcraft_kg.models.scorers.neighbours.storage import check_stored
 from wordcraft_kg.models.scorers.probabilities import kinds_of
 from wordcraft_kg.models.scorers.protocol import RecipeScores as RecipeScores, Witness as Witness
+from wordcraft_kg.models.scorers.score_limits import has_table
 from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer
 
 _ROWS = 4_096

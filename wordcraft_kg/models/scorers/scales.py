@@ -11,8 +11,8 @@ from torch import Tensor
 from wordcraft_kg.base import ConfigError, one_of
 from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.models.scorers.score_limits import Scale, SelfEdges
 
 
 def scaled_table(

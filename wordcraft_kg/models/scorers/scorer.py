@@ -177,8 +177,8 @@ class StoredScorer(Scorer):
     """A scorer that a model folder can store as named tensors.
 
     Attributes:
-        kind: the key of the class in :data:`~wordcraft_kg.models.scorers.folder.SCORERS`, and the
-            scorer kind in ``vocabulary.json``.
+        kind: the key of the class in :data:`~wordcraft_kg.models.scorers.scorer_folder.SCORERS`,
+            and the scorer kind in ``vocabulary.json``.
         shared: names of tensors that the models of all folds have in common, stored once.
     """
 

@@ -8,8 +8,8 @@ import pytest
 
 from tests.apps.explorer.browser.conftest import served
 from tests.apps.people.stored import lines_of
-from wordcraft_kg.apps.people.config import StudyConfig
 from wordcraft_kg.apps.people.study import HumanStudy, kept_answers
+from wordcraft_kg.apps.people.study_config import StudyConfig
 from wordcraft_kg.apps.people.web_app import make_study_app
 
 

@@ -40,7 +40,7 @@ def encode(
         labels: comma-separated further labels, such as new entities for the command score.
         out: folder to write. Default: vectors/<graph name>.
     """
-    from wordcraft_kg.graphs.folder import open_graph
+    from wordcraft_kg.graphs.graph_folder import open_graph
     from wordcraft_kg.graphs.recipes import check_label
 
     graphs = [open_graph(source).graph for source in (graph, *others)]
@@ -109,7 +109,7 @@ def elicit(
         read_prompts,
         strongest,
     )
-    from wordcraft_kg.graphs.folder import open_graph
+    from wordcraft_kg.graphs.graph_folder import open_graph
 
     prompt_texts = read_prompts(prompts or DEFAULT)
     recipes = open_graph(graph).graph

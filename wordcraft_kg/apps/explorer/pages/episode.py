@@ -6,11 +6,11 @@
 from collections.abc import Iterator
 from operator import attrgetter
 
+from wordcraft_kg.agents.agent_records import TerminationReason
 from wordcraft_kg.agents.explanation import (
     ExplainedTable,
 )
 from wordcraft_kg.agents.following import FollowedRun
-from wordcraft_kg.agents.records import TerminationReason
 from wordcraft_kg.apps.explorer.explored import AskedDepth, AskedPart, Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.apps.explorer.pages.tasks import PAGE as TASKS, list_tasks

@@ -6,9 +6,9 @@ from pathlib import Path
 import msgspec
 
 from wordcraft_kg.agents.agent_folder import AgentRun
+from wordcraft_kg.agents.agent_records import TerminationReason
+from wordcraft_kg.agents.agent_training import EVALUATED
 from wordcraft_kg.agents.following import FollowedRun
-from wordcraft_kg.agents.records import TerminationReason
-from wordcraft_kg.agents.training import EVALUATED
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.base import ArtefactError, Count, Record, Share

@@ -5,8 +5,8 @@ from typing import Literal
 
 import numpy as np
 
+from wordcraft_kg.agents.agent_records import PlayedTask, TerminationReason
 from wordcraft_kg.agents.following import FollowedRun
-from wordcraft_kg.agents.records import PlayedTask, TerminationReason
 from wordcraft_kg.apps.explorer.explored import AskedDepth, AskedPart, Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, paging
 from wordcraft_kg.base import ArtefactError, Count, Record

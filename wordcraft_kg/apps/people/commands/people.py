@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from wordcraft_kg.apps.people.config import CONSENT, StudyConfig
+from wordcraft_kg.apps.people.study_config import CONSENT, StudyConfig
 from wordcraft_kg.base import ConfigError, as_lines, read_small_file, staged_file
 from wordcraft_kg.cli.console import Flag, Output, aligned, whole_numbers
 from wordcraft_kg.cli.options import Book, Force

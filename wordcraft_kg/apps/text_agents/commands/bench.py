@@ -125,7 +125,7 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
         enter,
         prompts_of,
     )
-    from wordcraft_kg.apps.text_agents.records import GAMES_FILE
+    from wordcraft_kg.apps.text_agents.game_records import GAMES_FILE
     from wordcraft_kg.apps.text_agents.results import continuable
     from wordcraft_kg.apps.text_agents.submission import (
         MESSAGES,

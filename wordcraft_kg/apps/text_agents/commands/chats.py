@@ -86,7 +86,7 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     from wordcraft_kg.apps.text_agents.difficulty import read_range
     from wordcraft_kg.apps.text_agents.games import TaskGames
     from wordcraft_kg.apps.text_agents.hosted_games import open_play
-    from wordcraft_kg.graphs.folder import open_graph
+    from wordcraft_kg.graphs.graph_folder import open_graph
 
     check_output_file(out, force=force)
     source = open_graph(graph)

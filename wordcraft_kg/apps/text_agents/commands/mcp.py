@@ -71,6 +71,7 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
     check_extra("mcp")
     from wordcraft_kg.apps.text_agents.benchmark import open_track
     from wordcraft_kg.apps.text_agents.conversation import Play
+    from wordcraft_kg.apps.text_agents.game_records import GamesHeader
     from wordcraft_kg.apps.text_agents.hosted_games import NEVER, HostedGames, games_writer
     from wordcraft_kg.apps.text_agents.mcp_server import (
         PATH,
@@ -78,7 +79,6 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
         make_server,
         tools_hash,
     )
-    from wordcraft_kg.apps.text_agents.records import GamesHeader
     from wordcraft_kg.apps.web.serving import listen, serve
 
     with ExitStack() as stack:

@@ -202,7 +202,7 @@ def _play_page(
     check_extra("explore")
     from wordcraft_kg.apps.text_agents.browser_game import export_game, icons_of, make_game_app
     from wordcraft_kg.apps.web.serving import listen, serve
-    from wordcraft_kg.graphs.folder import open_graph
+    from wordcraft_kg.graphs.graph_folder import open_graph
 
     graph = open_graph(source).graph
     icons = icons_of(source, graph)

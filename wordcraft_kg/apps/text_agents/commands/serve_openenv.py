@@ -112,9 +112,9 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
         )
     check_extra("openenv")
     from wordcraft_kg.apps.text_agents.difficulty import read_range
+    from wordcraft_kg.apps.text_agents.game_records import GamesHeader
     from wordcraft_kg.apps.text_agents.hosted_games import GameList, games_writer, open_play
     from wordcraft_kg.apps.text_agents.openenv_server import make_openenv_app
-    from wordcraft_kg.apps.text_agents.records import GamesHeader
     from wordcraft_kg.apps.web.serving import listen, most_web_sockets, serve
 
     # A quarter of the web sockets is for clients who are told that all sessions are taken.

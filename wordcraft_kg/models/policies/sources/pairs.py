@@ -24,7 +24,6 @@ from wordcraft_kg.models.policies.sources.source import (
     knowledge_of_models,
 )
 from wordcraft_kg.models.policies.states import States
-from wordcraft_kg.models.scorers.config import SelfEdges
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of, whole_of
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
@@ -35,6 +34,7 @@ from wordcraft_kg.models.scorers.scales import (
     sampled_scaling,
     scaled_table,
 )
+from wordcraft_kg.models.scorers.score_limits import SelfEdges
 from wordcraft_kg.models.scorers.set_table import SetTableScorer
 
 # Axis names and types of the buffers, for `check_tensors`; N is E + 1.

@@ -15,10 +15,10 @@ from wordcraft_kg.models.policies.sources import (
 from wordcraft_kg.models.policies.sources.pairs import CombinesWith, ComponentOf, SetTable
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import AS_IS, ScoreView, Source
-from wordcraft_kg.models.scorers.config import TABLE_LIMIT, Scale
 from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 from wordcraft_kg.models.scorers.scales import FACTORED_SCALES
+from wordcraft_kg.models.scorers.score_limits import TABLE_LIMIT, Scale
 
 _BUILT_IN: dict[str, type[Source]] = {
     kind.label.name: kind for kind in (CombinesWith, ComponentOf, BestRecipe, SetTable)

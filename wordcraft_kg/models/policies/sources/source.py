@@ -17,11 +17,11 @@ from wordcraft_kg.base.tensors import check_tensors
 from wordcraft_kg.graphs import Ids, TaskSet
 from wordcraft_kg.models.policies.sources import Label
 from wordcraft_kg.models.policies.states import States
-from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, models_of_tasks, whole_of
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge, Support
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.models.scorers.score_limits import Scale, SelfEdges
 
 Rows = Tensor | slice
 """Rows of a batch: their numbers, or all of them as a slice."""

@@ -23,12 +23,9 @@ from typing import Any, ClassVar
 import msgspec
 import torch
 
+from wordcraft_kg.agents.agent_config import AgentConfig
 from wordcraft_kg.agents.agent_folder import AGENTS, INPUTS, policy_at
-from wordcraft_kg.agents.config import AgentConfig
-from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
-from wordcraft_kg.agents.impala import Impala, check_compiler
-from wordcraft_kg.agents.plan_weights import fit_plan_weights
-from wordcraft_kg.agents.records import (
+from wordcraft_kg.agents.agent_records import (
     EPISODES_FILE,
     TERMINATION_REASONS,
     AgentProgress,
@@ -36,6 +33,9 @@ from wordcraft_kg.agents.records import (
     PlayedTask,
     read_summary,
 )
+from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
+from wordcraft_kg.agents.impala import Impala, check_compiler
+from wordcraft_kg.agents.plan_weights import fit_plan_weights
 from wordcraft_kg.base import (
     ArtefactError,
     TaskError,
@@ -50,18 +50,18 @@ from wordcraft_kg.envs.batch import BatchEngine, State
 from wordcraft_kg.envs.draws import MOST_TASKS
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import SPLITS, OpenedGraph, RecipeGraph, TaskPart
-from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.policies.folder import (
+from wordcraft_kg.models.model_folder import open_model
+from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.models.policies.policy_folder import (
     make_policy,
     usage,
     write_constants,
     write_parameters,
 )
-from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources import need_no_scorer
 from wordcraft_kg.models.policies.sources.registry import tables_are_too_large
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
-from wordcraft_kg.models.scorers.folder import FOLDS_TENSORS, MODEL, WEIGHTS
+from wordcraft_kg.models.scorers.scorer_folder import FOLDS_TENSORS, MODEL, WEIGHTS
 from wordcraft_kg.planning.source import BestPlan, P
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.record import RunFiles, RunRecord, front_matter, read_finished_run

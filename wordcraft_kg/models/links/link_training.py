@@ -44,22 +44,15 @@ from wordcraft_kg.models.links.builders import (
     scorer_kind,
     scorer_tensors,
 )
-from wordcraft_kg.models.links.config import (
+from wordcraft_kg.models.links.fitting import Epochs, choose, fit, train_epochs
+from wordcraft_kg.models.links.link_config import (
     FOLDS,
     ComplExConfig,
     LinkModelConfig,
     LinksConfig,
     LinkSettings,
 )
-from wordcraft_kg.models.links.fitting import Epochs, choose, fit, train_epochs
-from wordcraft_kg.models.links.outside import OutsideTriples, outside_hashes, read_outside
-from wordcraft_kg.models.links.pykeen_bridge import (
-    pykeen_guard,
-    quiet_pykeen,
-    seed_everything,
-    triples_factory,
-)
-from wordcraft_kg.models.links.records import (
+from wordcraft_kg.models.links.link_records import (
     Choice,
     FoldDone,
     LinkMetrics,
@@ -68,11 +61,23 @@ from wordcraft_kg.models.links.records import (
     TraceRow,
     training_facts,
 )
-from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
+from wordcraft_kg.models.links.outside import OutsideTriples, outside_hashes, read_outside
+from wordcraft_kg.models.links.pykeen_bridge import (
+    pykeen_guard,
+    quiet_pykeen,
+    seed_everything,
+    triples_factory,
+)
 from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
-from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, make_scorer, write_folds, write_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
+from wordcraft_kg.models.scorers.score_limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.models.scorers.scorer_folder import (
+    FOLD_OUTPUTS,
+    make_scorer,
+    write_folds,
+    write_scorer,
+)
 from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints, not_done, train_jobs
 from wordcraft_kg.runs.record import RunFiles, scorer_card
 from wordcraft_kg.runs.run_folder import Progress, RunFolder, RunKind
@@ -89,8 +94,8 @@ AfterEpoch = Callable[[int], None]
 def decided_folds(settings: LinkSettings, opened: OpenedGraph) -> LinkSettings:
     """Return the settings with a number of folds.
 
-    A given number is kept; otherwise it is :data:`~wordcraft_kg.models.links.config.FOLDS`, or 0 if
-    the graph allows no folds or their tables would be too large.
+    A given number is kept; otherwise it is :data:`~wordcraft_kg.models.links.link_config.FOLDS`, or
+    0 if the graph allows no folds or their tables would be too large.
 
     Raises:
         ConfigError: if a given number of folds is impossible.

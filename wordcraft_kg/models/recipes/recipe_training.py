@@ -52,7 +52,6 @@ from wordcraft_kg.models.knowledge.outside import (
     open_outside,
 )
 from wordcraft_kg.models.knowledge.words import Words, word_features, words_of_books
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.encoder_fitting import fit_encoder, fit_encoders
 from wordcraft_kg.models.recipes.fitting import (
     LeftOut,
@@ -60,21 +59,22 @@ from wordcraft_kg.models.recipes.fitting import (
     fit_recipe_scorers,
     lesson_folds,
 )
-from wordcraft_kg.models.recipes.records import (
+from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.recipe_records import (
     FitDone,
     RecipeMetrics,
     fitting_facts,
     is_of_sets,
 )
 from wordcraft_kg.models.recipes.set_training import SetsTraining, trains_sets
-from wordcraft_kg.models.scorers.config import check_table, fitting_workers
 from wordcraft_kg.models.scorers.features import named
-from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, write_folds, write_scorer
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
 from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
 from wordcraft_kg.models.scorers.ranker import Ranker
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.models.scorers.score_limits import check_table, fitting_workers
+from wordcraft_kg.models.scorers.scorer_folder import FOLD_OUTPUTS, write_folds, write_scorer
 from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
 from wordcraft_kg.runs.record import RunFiles, scorer_card
 from wordcraft_kg.runs.run_folder import Progress, RunFolder, RunKind

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from wordcraft_kg.base.records import Count, Hash, Record, Share
-from wordcraft_kg.graphs.folder import TrainedOn
+from wordcraft_kg.graphs.graph_folder import TrainedOn
 from wordcraft_kg.models.knowledge.books import OutsideSource
 from wordcraft_kg.models.knowledge.outside import describe_source
 from wordcraft_kg.models.model import History, cross_fitted_words
-from wordcraft_kg.models.recipes.config import RecipesConfig
+from wordcraft_kg.models.recipes.recipe_config import RecipesConfig
 from wordcraft_kg.runs.record import RunFiles
 
 

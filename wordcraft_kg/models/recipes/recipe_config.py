@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import ClassVar, Literal, get_args
 
 from wordcraft_kg.base.settings import MAX_THREADS, one_of, refuse, require, whole
-from wordcraft_kg.graphs.folder import TrainedOn
+from wordcraft_kg.graphs.graph_folder import TrainedOn
 from wordcraft_kg.graphs.train_samples import check_train_sample
 from wordcraft_kg.runs.config_file import RunConfig
 

@@ -34,10 +34,10 @@ from wordcraft_kg.base.settings import LEARNED
 from wordcraft_kg.base.tensors import MAX_WEIGHT, copied, largest, read_tensors, with_prefix
 from wordcraft_kg.graphs import Ids, RecipeGraph, TaskSet
 from wordcraft_kg.models.policies.attention import AttentionPolicy
-from wordcraft_kg.models.policies.config import POLICIES, PolicyConfig
 from wordcraft_kg.models.policies.networks import MLPPolicy, NetworkPolicy
 from wordcraft_kg.models.policies.pairs import PairPolicy
 from wordcraft_kg.models.policies.policy import EntityVectors, Policy
+from wordcraft_kg.models.policies.policy_config import POLICIES, PolicyConfig
 from wordcraft_kg.models.policies.sources import need_no_scorer, with_letters
 from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source, share_lists
@@ -57,7 +57,7 @@ class _Description(Record, frozen=True, kw_only=True):
         format: name and version of the file format.
         graph: content hash of the recipe graph.
         entities: labels in id order.
-        settings: of :class:`~wordcraft_kg.models.policies.config.PolicyConfig`, by name.
+        settings: of :class:`~wordcraft_kg.models.policies.policy_config.PolicyConfig`, by name.
         sources: short names of the sources in mixing order; none without a scorer.
         num_slots: slots of an mlp; None for other policies.
         dim: length of entity vectors; 0 for one-hot vectors.

@@ -27,8 +27,8 @@ from wordcraft_kg.models.policies.sources import (
     source_names,
     with_letters,
 )
-from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.features import Pooling
+from wordcraft_kg.models.scorers.score_limits import Scale, SelfEdges
 
 BUILT_IN_POLICIES = ("pairs", "attention", "mlp")
 POLICIES: Registry[Callable[[int], Any]] = Registry(

@@ -22,7 +22,7 @@ from wordcraft_kg.base.settings import (
     require,
     whole,
 )
-from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.graphs.graph_folder import KG
 from wordcraft_kg.graphs.train_samples import check_train_sample
 from wordcraft_kg.runs.config_file import RunConfig
 

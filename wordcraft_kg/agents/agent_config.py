@@ -19,7 +19,7 @@ from wordcraft_kg.base.settings import (
     require,
     whole,
 )
-from wordcraft_kg.envs.config import (
+from wordcraft_kg.envs.world_config import (
     REWARDS,
     Ambiguity,
     DistractorPolicy,
@@ -27,7 +27,7 @@ from wordcraft_kg.envs.config import (
     WordCraftConfig,
 )
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
-from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.policies.sources import need_no_scorer
 from wordcraft_kg.runs.config_file import RunConfig
 

@@ -2,7 +2,7 @@
 
 from typing import Any, Literal, Self
 
-from wordcraft_kg.agents.records import TerminationReason
+from wordcraft_kg.agents.agent_records import TerminationReason
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, MAX_INVALID, KnowledgeKind
 from wordcraft_kg.base.labels import ANSWER_GRAMMAR
 from wordcraft_kg.base.records import Count, Hash, Record

@@ -4,8 +4,8 @@ The page docs/architecture.md, *On disk*, lists the files of a model folder.
 """
 
 from wordcraft_kg.base import Count, Hash, Record, Share, counted
-from wordcraft_kg.graphs.folder import KG
-from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig, LinkSettings
+from wordcraft_kg.graphs.graph_folder import KG
+from wordcraft_kg.models.links.link_config import ComplExConfig, LinksConfig, LinkSettings
 from wordcraft_kg.models.model import History, cross_fitted_words
 from wordcraft_kg.runs.record import RunFiles
 

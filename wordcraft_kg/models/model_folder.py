@@ -20,13 +20,14 @@ from wordcraft_kg.base import (
 )
 from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.graphs import Folds, GraphLike, OpenedGraph, TrainedOn, TrainSample, is_subsample
-from wordcraft_kg.models.links.config import LinksConfig
-from wordcraft_kg.models.links.records import links_history
+from wordcraft_kg.models.links.link_config import LinksConfig
+from wordcraft_kg.models.links.link_records import links_history
 from wordcraft_kg.models.model import History, Model
-from wordcraft_kg.models.recipes.config import RecipesConfig
-from wordcraft_kg.models.recipes.records import recipes_history
+from wordcraft_kg.models.recipes.recipe_config import RecipesConfig
+from wordcraft_kg.models.recipes.recipe_records import recipes_history
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of
-from wordcraft_kg.models.scorers.folder import (
+from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
+from wordcraft_kg.models.scorers.scorer_folder import (
     FOLD_OUTPUTS,
     MODEL,
     VOCABULARY,
@@ -36,7 +37,6 @@ from wordcraft_kg.models.scorers.folder import (
     write_folds,
     write_scorer,
 )
-from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig
 from wordcraft_kg.runs.record import RunFiles, end_run, read_finished_run, scorer_card, start_run
 
@@ -135,7 +135,7 @@ def _history(files: RunFiles) -> History:
         raise NotRegisteredError(
             f"'{files.folder}' is a model from {files.run.kind}, which is not registered; expected "
             f"{', '.join(MODELS)}. Install the package that provides {files.run.kind}, or add it "
-            "to MODELS of wordcraft_kg.models.folder in this program first."
+            "to MODELS of wordcraft_kg.models.model_folder in this program first."
         )
     return MODELS[files.run.kind](files)
 
@@ -180,7 +180,7 @@ def save_scorer(
     The folder says that the scorer was not trained here. From a cross-fitted scorer (see
     :func:`~wordcraft_kg.models.scorers.cross_fitting.cross_fit`) agents learn with out-of-sample
     scores. The folder holds the scorer as returned by
-    :func:`~wordcraft_kg.models.scorers.folder.stored`.
+    :func:`~wordcraft_kg.models.scorers.scorer_folder.stored`.
 
     Args:
         folder: new folder.

@@ -148,6 +148,10 @@ def test_a_faulty_plugin_is_refused_without_a_traceback(refused, tmp_path, text,
     refused("books", "--plugin", file, says=says)
 
 
+def test_a_plugin_without_a_file_is_no_folder(refused):
+    refused("books", "--plugin", says="plugin '': no such file")
+
+
 NETWORK = """
 import torch
 from torch import nn

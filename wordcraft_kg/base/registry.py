@@ -197,11 +197,12 @@ def load_plugin(path: str | Path) -> Plugin:
         >>> load_plugin("ideas.py").name, TaskConfig(reward="double").reward
         ('ideas.py', 'double')
     """
-    path = Path(path)
-    if not path.is_file():
+    file = Path(path)
+    if not file.is_file():
+        # An option without a value gives an empty path, which as a Path would be "."
         raise ConfigError(f"plugin '{path}': no such file; expected a Python file.")
-    content = read_small_file(path)
-    plugin = Plugin(path.name, hashlib.sha256(content).hexdigest(), path.resolve())
+    content = read_small_file(file)
+    plugin = Plugin(file.name, hashlib.sha256(content).hexdigest(), file.resolve())
     if _LOADED.get(plugin.path) == plugin:
         return plugin
     for loaded in _LOADED.values():

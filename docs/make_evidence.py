@@ -6,7 +6,8 @@ for the website draws the pages' figures.
 All tables lie in docs/evidence/tables.csv, a cell a line: page, table, row, column, value, low, high;
 those of studies come from their results (make_results.py). A page marks the place of a table with
 ``<!-- table: NAME; rows: HEADS -->`` ... ``<!-- end of table -->``; HEADS are the headings of the cells
-that name a row, and may be missing. README shows what each part adds from the page ``parts``.
+that name a row, and may be missing. README shows what each part adds from the pages ``parts`` and
+``planning``.
 
 The website shows a figure in place of ``<!-- figure: TITLE | COLUMN; COLUMN -->``: these columns of the
 page's first table, or ``Name = COLUMN`` for another name in the legend. So a figure cannot differ
@@ -26,7 +27,6 @@ from typing import Any, NamedTuple
 
 import yaml
 from charts import Mark, chart, plain, read_mark
-from parts_tables import PARTS_TABLES, parts_in_short
 
 from wordcraft_kg.base.artefacts import write_atomically
 
@@ -66,6 +66,25 @@ class Cell(NamedTuple):
 
 
 TABLES = HERE / "evidence" / "tables.csv"
+FINDING_COLUMNS = {
+    "unseen recipes": ("parts", "success, 8 distractors", "Little Alchemy 2, unseen recipes"),
+    "unseen goals": ("parts", "success, 8 distractors", "Little Alchemy 2, unseen goals"),
+    "two attempts": ("planning", "success", "Little Alchemy 2, unseen recipes"),
+    "two, unseen goals": ("planning", "success", "Little Alchemy 2, unseen goals"),
+}
+"""Page, table and column of each column of README's finding."""
+FINDING_ROWS = {
+    "random pair": ("two items at random",),
+    "nearest words": ("nearest words, GloVe", "nearest words"),
+    "plain PPO": ("plain PPO",),
+    "learner, no graph": ("the learner, no graph",),
+    "learner with ComplEx": ("learner with ComplEx",),
+    "recipe scorer alone": ("recipe scorer alone",),
+    "learner with recipe scorer": ("learner with recipe scorer",),
+    "planner alone": ("planner alone",),
+    "learner with plans": ("learner with plans",),
+}
+"""Rows of README's finding, each with the names that the pages give it."""
 
 
 def read_cells() -> list[Cell]:
@@ -100,9 +119,6 @@ def table(page: str, name: str, heads: str) -> Iterator[str]:
         name: the table's name.
         heads: headings of the cells that name a row, separated by a vertical bar.
     """
-    if name in PARTS_TABLES:
-        yield from PARTS_TABLES[name]()
-        return
     rows = tables()[page, name]
     columns = list(dict.fromkeys(column for cells in rows.values() for column in cells))
     yield f"| {heads} | {' | '.join(columns)} |".replace("|  |", "| |", 1)
@@ -157,16 +173,28 @@ def finding() -> Iterator[str]:
     yield (
         "**What each part adds.** Goals made on Little Alchemy 2, with 8 *distractors* (further "
         "items; intervals: [one attempt](docs/evidence/parts.md), "
-        "[two, with 4](docs/evidence/planning.md); scorers of before this version):"
+        "[two, with 4](docs/evidence/planning.md)):"
     )
     yield ""
-    yield from parts_in_short()
+    yield f"| player | {' | '.join(FINDING_COLUMNS)} |"
+    yield "|---" * (len(FINDING_COLUMNS) + 1) + "|"
+    for title, names in FINDING_ROWS.items():
+        texts = [success(place, names) for place in FINDING_COLUMNS.values()]
+        yield f"| {title} | {' | '.join(texts)} |"
     yield ""
     yield (
         "The scores must come from a scorer that has *not* seen the practised recipes "
         "([why](docs/explanation/cross-fitting.md))."
     )
     yield ""
+
+
+def success(place: tuple[str, str, str], names: Iterable[str]) -> str:
+    """Return a cell without its interval, or an empty text if no row has one of the names."""
+    page, name, column = place
+    rows = tables()[page, name]
+    texts = [rows[row].get(column, "") for row in names if row in rows]
+    return texts[0].partition(" [")[0] if texts else ""
 
 
 def questions() -> Iterator[str]:
@@ -225,7 +253,7 @@ def files() -> Iterator[tuple[Path, str]]:
     """Yield each file and its content."""
     readme = HERE.parent / "README.md"
     yield readme, between(readme.read_text(encoding="utf-8"), FINDING, finding())
-    guides = [HERE / f"{name}.md" for name in ("which-model", "limits")]
+    guides = [HERE / "limits.md"]
     for page in (*guides, *sorted((HERE / "evidence").glob("*.md"))):
         text = with_tables(page.stem, page.read_text(encoding="utf-8"))
         yield page, text

@@ -10,14 +10,17 @@ tables docs/make_evidence.py renders:
 | table of a study's page | rows and columns |
 |---|---|
 | ``success`` | variants by book and kind of split; of several numbers of distractors, a table each |
+| ``learning`` | success at shares of the training's steps, at the first point, by variant and book |
 | ``claims`` | claims at each point by book: verdict, difference and its interval |
 
-The page ``results`` has the claims of the paper and of this project with their numbers of verdicts,
+The page ``parts`` has plain PPO beside the players of the study (benchmarks/plain_ppo.py). The page
+``results`` has the claims of the paper and of this project with their numbers of verdicts,
 and the trainings of each study. P-values are corrected over the claims of more and of less of all
 studies (Holm 1979).
 """
 
 import argparse
+import json
 import re
 import sys
 import zipfile
@@ -26,12 +29,13 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple, get_args
 
+import numpy as np
 from make_evidence import MARK, TABLES, Cell, as_csv, read_cells
 from msgspec import structs
 
 from wordcraft_kg.base.artefacts import staged_file, write_atomically
 from wordcraft_kg.base.records import parse_record
-from wordcraft_kg.base.statistics import holm
+from wordcraft_kg.base.statistics import crossed_difference, holm, rate_interval
 from wordcraft_kg.studies.claims import ClaimVerdict, Measured, Verdict, view_claims
 from wordcraft_kg.studies.results import StudyResults, collect_study, results_text, studies_of
 from wordcraft_kg.studies.study import Values, adapted, read_study
@@ -39,6 +43,8 @@ from wordcraft_kg.studies.view import StudyView, title_of, view_study
 
 ARCHIVE = Path(__file__).parent / "results.zip"
 """The results of the studies, a JSON file each."""
+MEASUREMENTS = Path(__file__).parent / "evidence" / "measurements.zip"
+"""Stored figures of benchmarks; ``plain-ppo.json`` stands beside the study ``parts``."""
 ORDER = ("embeddings", "knowledge", "sources", "alone", "parts", "planning")
 """The studies, in the order of the pages."""
 BOOKS = {"little-alchemy-2": "Little Alchemy 2", "everyday": "`everyday`"}
@@ -48,6 +54,8 @@ FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s/]+/)+")
 """The folders of an absolute path."""
 LEVEL = 0.05
 """Least corrected p-value of a difference that may be chance."""
+CURVE_SHARES = (0.25, 0.5, 0.75, 1.0)
+"""Shares of a training's steps at which its success on test tasks is shown."""
 BY_CHANCE = "‡"
 """Mark of a verdict whose difference may be chance after correction."""
 NAMES = {
@@ -140,9 +148,6 @@ def checked(archived: Iterable[StudyResults]) -> list[Checked]:
     """Return summaries and verdicts, in the order of pages and books."""
     studies = []
     for results in archived:
-        # Those of before this version have one split, and their pages stand as they were.
-        if not results.study.vary_split:
-            continue
         book = str(results.study.settings["book"])
         study = read_study(results.name.removesuffix(f"-{book}"))
         studies.append(Checked(results, view_study(results), view_claims(results, study.claims)))
@@ -155,6 +160,9 @@ def cells(studies: list[Checked]) -> Iterator[Cell]:
     by_chance = chance_differences(studies)
     for study in studies:
         yield from success_cells(study)
+        if study.name == "parts":
+            yield from ppo_cells(study)
+        yield from curve_cells(study)
         yield from claim_cells(study, by_chance)
         yield from training_cells(study)
     for table, is_paper in (("claims of the paper", True), ("claims of this project", False)):
@@ -181,11 +189,66 @@ def success_cells(study: Checked) -> Iterator[Cell]:
             yield cell(study.name, table, row, column, f"{entry.mean:.3f}{mark}", low, high)
 
 
+def curve_cells(study: Checked) -> Iterator[Cell]:
+    """Yield mean success during training of each trained variant, at the study's first point."""
+    point = study.view.points[0].values
+    curves: dict[str, list[list[float]]] = {}
+    for run in study.results.runs:
+        if run.values == point and run.curve:
+            steps, success = zip(*run.curve, strict=True)
+            shares = np.interp(np.multiply(CURVE_SHARES, run.steps), steps, success)
+            curves.setdefault(run.variant, []).append(shares.tolist())
+    for variant, trainings in curves.items():
+        for share, success in zip(CURVE_SHARES, np.mean(trainings, axis=0), strict=True):
+            row, column = NAMES.get(variant, variant), f"{study.book}, {share:.0%} of the steps"
+            yield cell(study.name, "learning", row, column, f"{success:.3f}", None, None)
+
+
+def ppo_cells(study: Checked) -> Iterator[Cell]:
+    """Yield success of plain PPO, and what the learner makes more on the same tables."""
+    with zipfile.ZipFile(MEASUREMENTS) as archive:
+        trainings = json.loads(archive.read("plain-ppo.json")).values()
+    book = study.results.study.settings["book"]
+    for point in study.view.points:
+        kind, others = split_of(point.values)
+        played = {
+            training["seed"]: training
+            for training in trainings
+            if training["book"] == book
+            and training["split"] == point.values["split"]
+            and training["distractors"] == point.values["distractors"]
+        }
+        runs = [
+            run
+            for run in study.results.runs
+            if run.variant == "learner" and run.values == point.values
+        ]
+        if not {run.seed for run in runs} <= played.keys():
+            continue
+        rates, gains, groups, splits = [], [], [], []
+        for run in runs:
+            ppo = played[run.seed]
+            rate = np.array([*ppo["won"]], float) / ppo["tables"]
+            learner = np.array([*run.won], float) / run.distractor_seeds
+            rates.append(rate)
+            gains.append(learner - rate)
+            groups += ppo["groups"]
+            splits += [run.seed] * len(rate)
+        mean = np.mean([rate.mean() for rate in rates])
+        low, high = rate_interval(np.concatenate(rates)[None], groups, splits)
+        column = f"{study.book}, {kind}"
+        yield cell("parts", f"success, {others}", "plain PPO", column, f"{mean:.3f}", low, high)
+        (gain, low, high), _ = crossed_difference(np.concatenate(gains)[None], groups, splits)
+        yield cell("parts", "plain PPO", others, column, f"{gain:+.3f}", low, high, "+.3f")
+
+
 def claim_cells(study: Checked, by_chance: set[int]) -> Iterator[Cell]:
     """Yield verdict and difference of each claim at each point, by book."""
     for claim in study.claims:
         for measured in claim.measured:
-            mark = BY_CHANCE if id(measured) in by_chance else ""
+            # What is undecided may be chance anyway.
+            is_marked = id(measured) in by_chance and claim.verdict != "undecided"
+            mark = BY_CHANCE if is_marked else ""
             row = f"{claim.text} | {where(measured.values)}"
             value = f"{claim.verdict}{mark}, {measured.difference:+.3f}"
             low, high = measured.low, measured.high

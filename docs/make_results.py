@@ -225,20 +225,24 @@ def ppo_cells(study: Checked) -> Iterator[Cell]:
         ]
         if not {run.seed for run in runs} <= played.keys():
             continue
-        rates, gains, groups, splits = [], [], [], []
-        for run in runs:
-            ppo = played[run.seed]
-            rate = np.array([*ppo["won"]], float) / ppo["tables"]
-            learner = np.array([*run.won], float) / run.distractor_seeds
-            rates.append(rate)
-            gains.append(learner - rate)
-            groups += ppo["groups"]
-            splits += [run.seed] * len(rate)
-        mean = np.mean([rate.mean() for rate in rates])
-        low, high = rate_interval(np.concatenate(rates)[None], groups, splits)
+        learner = study.results.rates_of(runs)
+        assert learner.groups is not None
+        assert learner.splits is not None
+        trainings_of_splits = [played[run.seed] for run in runs]
+        success = [np.array([*each["won"]], float) / each["tables"] for each in trainings_of_splits]
+        groups = [group for each in trainings_of_splits for group in each["groups"]]
+        # Group numbers mean nothing between studies, but the same tasks have the same groups.
+        if len({*zip(learner.groups, learner.splits, groups, strict=True)}) != len(
+            {*zip(learner.groups, learner.splits, strict=True)}
+        ):
+            sys.exit("plain-ppo.json is of other test tasks; run benchmarks/plain_ppo.py again")
+        rates = np.concatenate(success)[None]
+        low, high = rate_interval(rates, learner.groups, learner.splits)
+        mean = np.mean([values.mean() for values in success])
         column = f"{study.book}, {kind}"
         yield cell("parts", f"success, {others}", "plain PPO", column, f"{mean:.3f}", low, high)
-        (gain, low, high), _ = crossed_difference(np.concatenate(gains)[None], groups, splits)
+        gains = learner.scores - rates
+        (gain, low, high), _ = crossed_difference(gains, learner.groups, learner.splits)
         yield cell("parts", "plain PPO", others, column, f"{gain:+.3f}", low, high, "+.3f")
 
 
@@ -320,7 +324,8 @@ def cell(
     form: str = ".3f",
 ) -> Cell:
     """Return a cell with an interval, if there is one."""
-    ends = ["" if end is None else format(end, form) for end in (low, high)]
+    # Adding 0 takes the sign from a negative zero.
+    ends = ["" if end is None else format(round(end, 3) + 0.0, form) for end in (low, high)]
     return Cell(page, table, row, column, value, *ends)
 
 

@@ -23,7 +23,7 @@ graph
 # A pair may have several results; all its recipes are in the same part.
 
 # %%
-recipes = pd.DataFrame(graph.recipe_labels())
+recipes = pd.DataFrame(graph.recipe_labels(), columns=["ingredient_a", "ingredient_b", "result"])
 recipes["part"] = pd.Categorical.from_codes(split.parts, ["train", "valid", "test"])
 recipes.head()
 

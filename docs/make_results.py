@@ -113,11 +113,14 @@ def read_archive(path: Path) -> list[StudyResults]:
 
 def take(folder: Path, target: Path) -> None:
     """Put the complete built-in studies of a results folder into the archive."""
-    texts = {results.name: results_text(results) for results in read_archive(target)}
+    archived = {results.name: results for results in read_archive(target)}
+    texts = {name: results_text(results) for name, results in archived.items()}
     for name in studies_of(folder):
         results = collect_study(folder, name)
         if results.missing:
             sys.stderr.write(f"{name}: not taken, {len(results.missing)} trainings are missing\n")
+        elif name in archived and archived[name].study.seeds > results.study.seeds:
+            sys.stderr.write(f"{name}: not taken, the archive has more trainings\n")
         elif not is_built_in(results):
             sys.stderr.write(f"{name}: not taken, its settings are no built-in study's\n")
         else:

@@ -103,6 +103,10 @@ def test_only_complete_studies_are_taken_and_equal_ones_give_equal_bytes(
     archive = tmp_path / "results.zip"
     with zipfile.ZipFile(archive, "w") as file:
         file.writestr("sources-everyday.json", results_text(results_of(FAR, "sources")))
+        fewer = results_of(FAR, "planning")
+        study = msgspec.structs.replace(fewer.study, seeds=fewer.study.seeds + 1)
+        more = msgspec.structs.replace(fewer, study=study)
+        file.writestr("planning-everyday.json", results_text(more))
     lost = Missing("guided", {"distractors": 8}, 2, "the disk was full")
     collected = {
         "knowledge-everyday": msgspec.structs.replace(
@@ -110,6 +114,7 @@ def test_only_complete_studies_are_taken_and_equal_ones_give_equal_bytes(
         ),
         "alone-everyday": msgspec.structs.replace(results_of(FAR, "alone"), missing=(lost,)),
         "mine": results_of(FAR, "mine"),
+        "planning-everyday": fewer,
         "sources-everyday": shortened(results_of(NEAR, "sources")),
     }
     monkeypatch.setattr(script, "read_study", lambda name: results_of(FAR).study)
@@ -120,7 +125,8 @@ def test_only_complete_studies_are_taken_and_equal_ones_give_equal_bytes(
     script.take(tmp_path, archive)
     assert archive.read_bytes() == first
     taken = {results.name: results for results in script.read_archive(archive)}
-    assert list(taken) == ["knowledge-everyday", "sources-everyday"]
+    assert list(taken) == ["knowledge-everyday", "planning-everyday", "sources-everyday"]
+    assert taken["planning-everyday"].study.seeds == more.study.seeds
     assert taken["sources-everyday"] == results_of(FAR, "sources")
     # No path of the machine is kept.
     assert taken["knowledge-everyday"].command == "wordcraft-kg reproduce knowledge --out results"

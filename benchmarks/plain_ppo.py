@@ -9,11 +9,11 @@ successes on each test task, a digit each, and the task's group; a finished trai
 """
 
 import argparse
-import importlib.util
 import json
+import runpy
 from itertools import product
 from pathlib import Path
-from types import ModuleType
+from types import SimpleNamespace
 from typing import Any
 
 import torch
@@ -22,6 +22,7 @@ from wordcraft_kg import evaluate, open_graph
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.graphs import OpenedGraph
 
+EXAMPLE = Path(__file__).parents[1] / "examples" / "ppo.py"
 STEPS = 1_000_000
 """Environment steps of a training, the example's default."""
 KINDS = ("by-recipe", "by-goal")
@@ -30,19 +31,8 @@ SPLITS = range(3)
 """Seeds of its splits."""
 
 
-def load_example() -> ModuleType:
-    """Return ``examples/ppo.py`` as a module."""
-    path = Path(__file__).parents[1] / "examples" / "ppo.py"
-    spec = importlib.util.spec_from_file_location("ppo", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def play(
-    example: ModuleType, folder: Path, opened: OpenedGraph, distractors: int
+    example: SimpleNamespace, folder: Path, opened: OpenedGraph, distractors: int
 ) -> dict[str, Any]:
     """Train on a graph's train tasks, and return the successes on its test tasks."""
     seed = opened.split.config.seed
@@ -71,7 +61,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, required=True)
     options = parser.parse_args()
     torch.set_num_threads(1)
-    example = load_example()
+    example = SimpleNamespace(**runpy.run_path(str(EXAMPLE)))
     trainings = json.loads(options.json.read_text()) if options.json.exists() else {}
     numbers = map(int, options.distractors.split(","))
     for folder, distractors in product(options.folders, numbers):

@@ -6,23 +6,13 @@ recipes" in docs/explanation/recipe-scorer.md.
 """
 
 from math import log, log1p, sqrt
-from typing import Any
 
 import numpy as np
 
 from wordcraft_kg.models.scorers.neighbours.compiled import compiled, in_place
 from wordcraft_kg.models.scorers.neighbours.hash_loops import makes, num_links, pair_place
 from wordcraft_kg.models.scorers.neighbours.regression import PRODUCT
-from wordcraft_kg.models.scorers.neighbours.similar import (
-    clear,
-    dot,
-    fourth,
-    product,
-    similarity,
-    spread,
-)
-
-Array = Any
+from wordcraft_kg.models.scorers.neighbours.similar import alike_of, fourth, product
 
 FLOOR = np.float32(1e-4)
 """Added to evidence before the logarithm."""
@@ -56,7 +46,9 @@ OF_SLOTS = 15
     _STEPS,
     _REGRESSION,
     _WORD_REGRESSION,
-) = range(NUM_LINKS)
+    _LINK_GOAL_USES,
+    _LINK_GOAL_MADE,
+) = range(NUM_LINKS + 2)
 # In the order of `pair_features.OF_PAIRS`, behind the sums and minima of slots.
 (
     _MAKES_ANYTHING,
@@ -129,44 +121,6 @@ def neighbour_pairs(  # type: ignore[no-untyped-def]
 
 
 @in_place
-def alike_of(  # type: ignore[no-untyped-def]
-    vectors, norms, all_kernels, all_cosines, entity, others, structure, kernels, cosines
-):
-    """Write the similarities k and word cosines of an entity and others.
-
-    Args:
-        vectors: ``lists.vectors``.
-        norms: ``lists.norms``.
-        all_kernels: ``lists.kernels``.
-        all_cosines: ``lists.cosines``.
-        entity: entity id.
-        others: entity ids, shape (n,); negative for none.
-        structure: the entity's profile cosines, from ``spread``.
-        kernels: receives the similarities, shape (n,); 0 for none.
-        cosines: receives the word cosines, likewise.
-    """
-    # The branch is outside of the loop: within, numba would count references for each entity.
-    if len(all_kernels) > 0:
-        for number in range(len(others)):
-            candidate = others[number]
-            kernels[number] = all_kernels[entity, candidate] if candidate >= 0 else 0
-            cosines[number] = all_cosines[entity, candidate] if candidate >= 0 else 0
-        return
-    for number in range(len(others)):
-        candidate = others[number]
-        kernel = np.float32(0)
-        cosine = np.float32(0)
-        if candidate == entity:
-            kernel = np.float32(1)
-            cosine = np.float32(1)
-        elif candidate >= 0:
-            cosine = dot(vectors, entity, candidate)
-            kernel = similarity(structure[candidate], cosine, norms[entity], norms[candidate])
-        kernels[number] = kernel
-        cosines[number] = cosine
-
-
-@in_place
 def links_to_results(lists, goal, entry_of, entries, counts):  # type: ignore[no-untyped-def]
     """List the known links to a goal's neighbours by their ingredient.
 
@@ -215,7 +169,7 @@ def forget_links(lists, goal, entry_of):  # type: ignore[no-untyped-def]
 
 @in_place
 def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # type: ignore[no-untyped-def]
-    """Write ``words`` to ``regression`` of componentOf links: all but the goal's numbers.
+    """Write the features of componentOf links, in the order of ``links.OF_COMPONENTS``.
 
     Args:
         lists: the lists.
@@ -224,7 +178,7 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
         table: the ingredients, shape (A,); negative for empty slots.
         cosines: word cosines of slots and goal, shape (A,).
         kernels: their similarities k, shape (A,).
-        out: shape (A, 13) or wider.
+        out: shape (A, 15).
     """
     kernel = lists.by_kernel
     word = lists.by_words
@@ -284,6 +238,8 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
         out[slot, _STEPS] = log1p(steps)
         out[slot, _REGRESSION] = product(kernel.left, kernel.right, entity, goal)
         out[slot, _WORD_REGRESSION] = product(word.left, word.right, entity, goal)
+        out[slot, _LINK_GOAL_USES] = log1p(lists.num_uses[goal])
+        out[slot, _LINK_GOAL_MADE] = log1p(lists.num_makers[goal])
 
 
 @in_place
@@ -549,7 +505,6 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
         np.empty(max_pairs, dtype=np.float32),
         np.empty(max_pairs, dtype=np.float32),
     )
-    similar = (lists.vectors, lists.norms, lists.kernels, lists.cosines)
     hashed = (lists.partner_bits, lists.pair_keys)
     makers = (lists.result_bits, lists.part_starts, lists.parts, lists.part_counts)
     results_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
@@ -563,9 +518,7 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
         table = tables[begin]
         for slot in range(slots):
             if table[slot] >= 0:
-                spread(lists, table[slot], structure)
-                alike_of(*similar, table[slot], table, structure, kernels[slot], cosines[slot])
-                clear(lists, table[slot], structure)
+                alike_of(lists, table[slot], table, structure, kernels[slot], cosines[slot])
         _all_neighbour_pairs(lists, table, one, other, starts, *known_pairs)
         results = _different_results(*results_of_pairs, known_pairs[0][: starts[-1]], is_listed)
         result_kernels = np.empty(len(results), dtype=np.float32)
@@ -580,9 +533,7 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
                 _expect_result(word.right, lists.result_weights, a, b, pair, expected)
         for row in range(begin, end):
             goal = goals[row]
-            spread(lists, goal, structure)
-            alike_of(*similar, goal, results, structure, result_kernels, result_cosines)
-            clear(lists, goal, structure)
+            alike_of(lists, goal, results, structure, result_kernels, result_cosines)
             for number in range(len(results)):
                 result = results[number]
                 alike[result] = result_kernels[number] * result_kernels[number]
@@ -616,7 +567,6 @@ def support_terms(lists, a, b, goal, terms):  # type: ignore[no-untyped-def]
         terms: shape (R, 2): straight and crossed.
     """
     size = len(lists.norms)
-    similar = (lists.vectors, lists.norms, lists.kernels, lists.cosines)
     structure = np.zeros(size, dtype=np.float32)
     parts = np.empty((2, len(terms)), dtype=np.int32)
     # By entity of the pair, part of the recipe, and recipe.
@@ -628,10 +578,8 @@ def support_terms(lists, a, b, goal, terms):  # type: ignore[no-untyped-def]
         parts[1, row] = lists.second[recipe] if recipe >= 0 else -1
     for side in range(2):
         entity = b if side else a
-        spread(lists, entity, structure)
         for part in range(2):
-            alike_of(*similar, entity, parts[part], structure, kernels[side, part], cosines)
-        clear(lists, entity, structure)
+            alike_of(lists, entity, parts[part], structure, kernels[side, part], cosines)
     squares = kernels * kernels
     for row in range(len(terms)):
         terms[row, 0] = squares[0, 0, row] * squares[1, 1, row]

@@ -1,12 +1,8 @@
 """Hash tables of pairs and links: does a pair have recipes, how many recipes make c with x?"""
 
-from typing import Any
-
 import numpy as np
 
 from wordcraft_kg.models.scorers.neighbours.compiled import compiled, in_place
-
-Array = Any
 
 
 @in_place
@@ -26,7 +22,7 @@ def _place(keys, key):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def pair_table(pairs: Array, size: int):  # type: ignore[no-untyped-def]
+def pair_table(pairs, size):  # type: ignore[no-untyped-def]
     """Return a hash table of ascending pair keys.
 
     Args:
@@ -50,7 +46,7 @@ def pair_table(pairs: Array, size: int):  # type: ignore[no-untyped-def]
 
 
 @in_place
-def signatures(one: Array, other: Array, out: Array) -> None:
+def signatures(one, other, out):  # type: ignore[no-untyped-def]
     """Set the bit of each pair of ids in the signature of its first id.
 
     Args:

@@ -12,6 +12,8 @@ from torch import Tensor
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, Ids
 from wordcraft_kg.models.scorers.neighbours.blocks import of_blocks
+from wordcraft_kg.models.scorers.neighbours.candidate_loops import intermediates
+from wordcraft_kg.models.scorers.neighbours.feature_loops import support_terms
 from wordcraft_kg.models.scorers.neighbours.links import CELLS, link_features, links_by_key
 from wordcraft_kg.models.scorers.neighbours.lists import Lists
 from wordcraft_kg.models.scorers.neighbours.pair_features import (
@@ -339,7 +341,6 @@ class RecipeKnowledge(StoredKnowledge):
         Raises:
             IndexError: for an id out of range.
         """
-        from wordcraft_kg.models.scorers.neighbours.candidate_loops import intermediates
 
         def candidates(lists: Lists, goals: Ids, tables: Ids) -> NDArray[np.int32]:
             proposed = np.full((len(goals), width), -1, dtype=np.int32)
@@ -374,9 +375,6 @@ class RecipeKnowledge(StoredKnowledge):
             model: number of the model.
             limit: maximum number of recipes.
         """
-        # Compiled loops are imported late: numba takes as long to import as all the rest.
-        from wordcraft_kg.models.scorers.neighbours.feature_loops import support_terms
-
         a, b, goal = self.ids(torch.tensor([a, b, goal])).tolist()
         lists = self.lists(model)
         numbers = lists.support[goal]

@@ -7,17 +7,13 @@ import numpy as np
 from wordcraft_kg.models.scorers.neighbours.compiled import compiled
 from wordcraft_kg.models.scorers.neighbours.feature_loops import (
     FLOOR,
-    alike_of,
     forget_links,
     links_of_slots,
     links_to_results,
 )
 from wordcraft_kg.models.scorers.neighbours.hash_loops import pair_place
-from wordcraft_kg.models.scorers.neighbours.similar import clear, product, spread
+from wordcraft_kg.models.scorers.neighbours.similar import alike_of, product
 
-# Places of the goal's numbers, at the end of `links.OF_COMPONENTS`.
-_GOAL_USES = 13
-_GOAL_MADE = 14
 # Places in the order of `links.OF_COMBINES`.
 (
     _WORDS,
@@ -44,7 +40,6 @@ def component_features(lists, goals, tables, out):  # type: ignore[no-untyped-de
             or one without goal, keeps its zeros.
     """
     structure = np.zeros(len(lists.norms), dtype=np.float32)
-    similar = (lists.vectors, lists.norms, lists.kernels, lists.cosines)
     kernels = np.empty(tables.shape[1], dtype=np.float32)
     cosines = np.empty(tables.shape[1], dtype=np.float32)
     entry_of = np.full(len(lists.norms), -1, dtype=np.int32)
@@ -56,18 +51,10 @@ def component_features(lists, goals, tables, out):  # type: ignore[no-untyped-de
         if goal < 0:
             continue
         # k is symmetric, so the goal's profile serves all slots.
-        spread(lists, goal, structure)
-        alike_of(*similar, goal, tables[row], structure, kernels, cosines)
+        alike_of(lists, goal, tables[row], structure, kernels, cosines)
         links_to_results(lists, goal, *to_results)
         links_of_slots(lists, to_results, goal, tables[row], cosines, kernels, out[row])
-        uses = log1p(lists.num_uses[goal])
-        makers = log1p(lists.num_makers[goal])
-        for slot in range(tables.shape[1]):
-            if tables[row, slot] >= 0:
-                out[row, slot, _GOAL_USES] = uses
-                out[row, slot, _GOAL_MADE] = makers
         forget_links(lists, goal, entry_of)
-        clear(lists, goal, structure)
 
 
 @compiled
@@ -92,7 +79,6 @@ def combines_features(lists, keys, tables, out):  # type: ignore[no-untyped-def]
     pair_values = lists.node_values
     hashed = (lists.partner_bits, lists.pair_keys)
     width = lists.used.shape[1]
-    similar = (lists.vectors, lists.norms, lists.kernels, lists.cosines)
     kernels = np.empty(tables.shape[1], dtype=np.float32)
     cosines = np.empty(tables.shape[1], dtype=np.float32)
     structure = np.zeros(len(lists.norms), dtype=np.float32)
@@ -101,8 +87,7 @@ def combines_features(lists, keys, tables, out):  # type: ignore[no-untyped-def]
         key = keys[row]
         if key < 0:
             continue
-        spread(lists, key, structure)
-        alike_of(*similar, key, tables[row], structure, kernels, cosines)
+        alike_of(lists, key, tables[row], structure, kernels, cosines)
         # The key's row of H R, in an array of all nodes.
         for place in range(half_starts[key], half_starts[key + 1]):
             node = half_nodes[place]
@@ -145,4 +130,3 @@ def combines_features(lists, keys, tables, out):  # type: ignore[no-untyped-def]
             node = half_nodes[place]
             for end in range(pair_starts[node], pair_starts[node + 1]):
                 reached[pair_nodes[end]] = 0
-        clear(lists, key, structure)

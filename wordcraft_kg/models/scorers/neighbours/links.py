@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Ids
+from wordcraft_kg.models.scorers.neighbours import link_loops
 from wordcraft_kg.models.scorers.neighbours.lists import Lists
 
 OF_COMPONENTS = (
@@ -84,15 +85,13 @@ def links_by_key(lists: Lists, relation: int, keys: Ids, slots: Ids) -> Tensor:
     Returns:
         shape (B, A, F), float32; zeros without a key or slot.
     """
-    # Compiled loops are imported late: numba takes as long to import as all the rest.
-    from wordcraft_kg.models.scorers.neighbours import link_loops
-
     features = np.zeros((*slots.shape, len(LINK_FEATURES[relation])), dtype=np.float32)
-    write = link_loops.component_features
-    if relation == COMBINES_WITH:
-        write = link_loops.combines_features
     # Arrays without gaps, for which the loops are compiled.
-    write(lists, np.ascontiguousarray(keys), np.ascontiguousarray(slots), features)
+    arrays = np.ascontiguousarray(keys), np.ascontiguousarray(slots), features
+    if relation == COMBINES_WITH:
+        link_loops.combines_features(lists, *arrays)
+    else:
+        link_loops.component_features(lists, *arrays)
     return torch.from_numpy(features)
 
 

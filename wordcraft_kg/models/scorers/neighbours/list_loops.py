@@ -3,14 +3,11 @@
 Each function writes to its own arrays only, and visits entries in a fixed order.
 """
 
-from typing import Any
-
 import numpy as np
 
 from wordcraft_kg.models.scorers.neighbours.compiled import compiled, in_place
 from wordcraft_kg.models.scorers.neighbours.similar import dot, fourth, similarity
 
-Array = Any
 FAR = 2**31 - 1
 """The id at the end of a list of ascending ids: above all entities."""
 
@@ -51,7 +48,7 @@ def insert(ids, values, count, new, value):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def largest(cosines: Array, start: int, near: Array) -> None:
+def largest(cosines, start, near):  # type: ignore[no-untyped-def]
     """Write the columns of each row's largest positive cosines, the largest first.
 
     Args:
@@ -61,8 +58,6 @@ def largest(cosines: Array, start: int, near: Array) -> None:
     """
     rows, size = cosines.shape
     width = near.shape[1]
-    if width == 0:
-        return
     values = np.empty(width, dtype=np.float32)
     for row in range(rows):
         count = 0
@@ -262,7 +257,7 @@ def supporting(made, alike, starts, by_result, width):  # type: ignore[no-untype
 
 
 @in_place
-def word_cosines(vectors: Array, out: Array) -> None:
+def word_cosines(vectors, out):  # type: ignore[no-untyped-def]
     """Write the word cosines of all entities, 1 on the diagonal.
 
     Args:

@@ -11,10 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy import sparse
 
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.arrays import Ids, different_ingredients
 from wordcraft_kg.models.scorers.kernel import TEXT, completion_parts, profiles
+from wordcraft_kg.models.scorers.neighbours import hash_loops, list_loops
 from wordcraft_kg.models.scorers.neighbours.blocks import blocks_of, write_blocks
 from wordcraft_kg.models.scorers.neighbours.regression import (
     RANK,
@@ -163,15 +165,12 @@ def nearest_words(
     near = np.full((size - first, width), -1, dtype=np.int32)
     if not width:
         return near
-    # Compiled loops are imported late: numba takes as long to import as all the rest.
-    from wordcraft_kg.models.scorers.neighbours.list_loops import largest
-
     every = torch.tensor(vectors)
     # One thread, because more threads may add in another order and so break ties differently.
     with torch_threads(1):
         for start in range(first, size, block):
             cosines = (every[start : start + block] @ every.T).numpy()
-            largest(cosines, start, near[start - first : start - first + block])
+            list_loops.largest(cosines, start, near[start - first : start - first + block])
     return near
 
 
@@ -198,8 +197,6 @@ def make_lists(
         support: R, recipes for a goal.
         rank: rank of the kernel regression.
     """
-    from wordcraft_kg.models.scorers.neighbours import hash_loops, list_loops
-
     size = len(vectors)
     ordered = ordered_recipes(recipes)
     first, second, result = (np.ascontiguousarray(column, dtype=np.int32) for column in ordered.T)
@@ -301,18 +298,14 @@ def _sparse_rows(matrix: Any) -> tuple[Ids, Numbers, Floats]:
 
 def _cosines(vectors: Floats) -> Floats:
     """Return the word cosines of all entities, (T, T); (0, 0) above :data:`MATRIX` entities."""
-    from wordcraft_kg.models.scorers.neighbours.list_loops import word_cosines
-
     size = len(vectors) if len(vectors) <= MATRIX else 0
     cosines = np.empty((size, size), dtype=np.float32)
-    word_cosines(vectors[:size], cosines)
+    list_loops.word_cosines(vectors[:size], cosines)
     return cosines
 
 
 def _structural_neighbours(rows: Any, nearest: int) -> tuple[Ids, Numbers, Floats]:
     """Return the lists of :func:`_both_ways` from profiles, sparse (T, M), ``nearest`` for each."""
-    from wordcraft_kg.models.scorers.neighbours import list_loops
-
     # A function of its own: in a large book, its arrays take as much memory as all lists.
     columns = rows.T.tocsr()
     profiles_both_ways = (
@@ -360,8 +353,6 @@ def _merged(
         of ingredients, and of results: ids, squared similarities, and word cosines to the power 4,
         shape (T, width) each.
     """
-    from wordcraft_kg.models.scorers.neighbours import list_loops
-
     size = len(vectors)
     lists = []
     for width in widths:
@@ -394,12 +385,8 @@ def _both_ways(near: Numbers, cosines: Floats) -> tuple[Ids, Numbers, Floats]:
         near: each entity's K neighbours, shape (T, K), :data:`FAR` at the end.
         cosines: shape (T, K).
     """
-    from scipy import sparse
-
-    from wordcraft_kg.models.scorers.neighbours.list_loops import FAR
-
     size = len(near)
-    is_listed = near < FAR
+    is_listed = near < list_loops.FAR
     rows, _ = np.nonzero(is_listed)
     cells = (rows, near[is_listed])
     table = sparse.csr_array((cosines[is_listed], cells), shape=(size, size))

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.models.scorers.neighbours.feature_loops import table_features
 from wordcraft_kg.models.scorers.neighbours.links import OF_COMPONENTS
 from wordcraft_kg.models.scorers.neighbours.lists import Floats, Lists
 
@@ -91,9 +92,6 @@ def pair_features(
     Returns:
         shape (B, P, F), in the order of :data:`FEATURES`; zeros for a pair with an empty slot.
     """
-    # Compiled loops are imported late: numba takes as long to import as all the rest.
-    from wordcraft_kg.models.scorers.neighbours.feature_loops import table_features
-
     first_slots, second_slots = slot_pairs
     features = np.zeros((len(goals), len(first_slots), len(FEATURES)), dtype=np.float32)
     # Arrays without gaps, for which the loop is compiled.

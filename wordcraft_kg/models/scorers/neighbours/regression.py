@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Ids, recipe_triples
 from wordcraft_kg.models.scorers.kernel import TEXT
@@ -201,8 +202,6 @@ def _left_factor(
         shrinkage: g gᵀ + λ, shape (m, m).
         blocks: of entities.
     """
-    from scipy import sparse
-
     heads, _, tails = triples.T
     link_values = np.ones(len(heads), dtype=np.float32)
     links = sparse.csr_array((link_values, (heads, tails)), shape=(len(right),) * 2)

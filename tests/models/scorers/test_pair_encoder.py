@@ -14,7 +14,6 @@ from wordcraft_kg.models.scorers.neighbours import results
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import make_lists, nearest_words
 from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES, OF_ENCODER
-from wordcraft_kg.models.scorers.neighbours.storage import RESULT_RANKER
 from wordcraft_kg.models.scorers.ranker import Ranker
 
 TINY = EncoderSchedule(used=5, hidden=7, made=4, batch=8, sampled=6, epochs=2)
@@ -201,7 +200,7 @@ def test_results_are_scored_by_their_own_ranker_best_first(knowledge):
     a, b = torch.tensor([0, 6]), torch.tensor([2, 3])
     ids, scores = results.results_of(knowledge, a, b, number=3)
     assert torch.equal(ids, results.results_of(knowledge, b, a, number=3)[0])
-    ranker = Ranker(*(getattr(knowledge, name)[0] for name in RESULT_RANKER))
+    ranker = knowledge.ranker("results_").model(0)
     one = (torch.tensor([0]), torch.tensor([1]))
     for row in range(2):
         found = ids[row][ids[row] < SIZE]

@@ -143,7 +143,9 @@ class LinkEvidence:
             entity, end = (head, tail) if side == "head" else (tail, head)
             neighbours = self.ends(end, relation, side)
             neighbours = neighbours[neighbours != entity]
-            triples.append(_links(neighbours, relation, end, side))
+            links = np.full((len(neighbours), 3), (head, relation, tail))
+            links[:, 0 if side == "head" else 2] = neighbours
+            triples.append(links)
             cosines = self.roles.alike(entity, relation, side)[neighbours]
             # Rounding can lift the cosine of equal vectors above 1.
             positive = cosines.astype(np.float64).clip(0, 1)
@@ -224,22 +226,6 @@ class LinkEvidence:
         rows = self.recipes_of(head, relation, tail)
         listed = self.recipes[rows[:RECIPES]]
         return recipes_of_ids(self.entities, listed), len(rows) - len(listed)
-
-
-def _links(side_ids: Ids, relation: int, end: int, side: Side) -> Ids:
-    """Return the links between one entity and others, shape (n, 3).
-
-    Args:
-        side_ids: ids of the entities on ``side``, shape (n,).
-        relation: relation id.
-        end: id of the entity on the opposite side.
-        side: side of these entities.
-    """
-    ends = np.full(len(side_ids), end)
-    relations = np.full(len(side_ids), relation)
-    if side == "head":
-        return np.column_stack([side_ids, relations, ends])
-    return np.column_stack([ends, relations, side_ids])
 
 
 # --- similar entities -----------------------------------------------------------------------------

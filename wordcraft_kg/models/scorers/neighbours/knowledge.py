@@ -21,7 +21,6 @@ from wordcraft_kg.models.scorers.neighbours.pair_features import (
     OF_ENCODER,
     pair_features,
     pairs_of,
-    square_of,
     with_link_scores,
 )
 from wordcraft_kg.models.scorers.neighbours.storage import StoredKnowledge
@@ -72,13 +71,14 @@ class RecipeKnowledge(StoredKnowledge):
         Raises:
             IndexError: as :meth:`features`.
         """
-        # A pair is scored once and looked up for both orders of its slots.
         features = self.features(goal, table, model)
         pair_scores = self.scores(features, model)
         num_slots = table.shape[1]
-        square = square_of(num_slots, table.device)
-        # (B, P) to (B, A · A) to (B, A, A).
-        scores = pair_scores.index_select(1, square).view(*table.shape, num_slots)
+        scores = pair_scores.new_empty(*table.shape, num_slots)
+        # A pair is scored once, for both orders of its slots.
+        first, second = pairs_of(num_slots, table.device)
+        scores[:, first, second] = pair_scores
+        scores[:, second, first] = pair_scores
         is_empty = table == self.num_entities
         has_empty = is_empty[:, :, None] | is_empty[:, None]
         return scores.masked_fill(has_empty, -torch.inf)
@@ -391,17 +391,15 @@ class RecipeKnowledge(StoredKnowledge):
         smallest = np.finfo(np.float32).tiny
         shares = evidence / max(evidence.sum(), smallest)
         strengths = evidence / max(evidence.max(initial=0), smallest)
-        results = lists.result[numbers]
-        is_other = (results != goal) | (shares < LEAST_SHARE)
+        recipes = np.stack([lists.first, lists.second, lists.result], axis=1)[numbers]
+        is_other = (recipes[:, 2] != goal) | (shares < LEAST_SHARE)
         # The last key counts first; ties stay in the order of the list.
         by_share = np.lexsort((-evidence, is_other))
-        supports: list[Support] = []
-        for row in by_share.tolist():
-            if len(supports) == limit:
-                break
-            number = numbers[row]
-            support_ids = int(lists.first[number]), int(lists.second[number]), int(results[row])
-            if weights[row] > 0 and max(support_ids) < self.num_entities:
-                figures = float(weights[row]), float(shares[row]), float(strengths[row])
-                supports.append(Support(support_ids, *figures))
+        is_reason = (weights > 0) & (recipes.max(axis=1, initial=0) < self.num_entities)
+        rows = by_share[is_reason[by_share]][:limit]
+        figures = np.stack([weights, shares, strengths], axis=1)
+        supports = []
+        for row in rows.tolist():
+            first, second, result = recipes[row].tolist()
+            supports.append(Support((first, second, result), *figures[row].tolist()))
         return supports

@@ -136,14 +136,3 @@ def pairs_of(slots: int, device: torch.device) -> tuple[Tensor, Tensor]:
     """Return the first and second slot in each slot pair, shape (P,) each, with first <= second."""
     first_slots, second_slots = torch.triu_indices(slots, slots, device=device)
     return first_slots, second_slots
-
-
-@lru_cache
-def square_of(slots: int, device: torch.device) -> Tensor:
-    """Return the number of each slot pair in :func:`pairs_of`, in both orders, shape (A * A,)."""
-    first_slots, second_slots = pairs_of(slots, device)
-    every = torch.arange(len(first_slots), device=device)
-    number = torch.zeros(slots, slots, dtype=torch.int64, device=device)
-    number[first_slots, second_slots] = every
-    number[second_slots, first_slots] = every
-    return number.view(-1)

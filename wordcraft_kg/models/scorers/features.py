@@ -33,8 +33,6 @@ from wordcraft_kg.base.settings import (
 )
 from wordcraft_kg.base.wording import words_in
 
-_VOCABULARY_BATCH = 20_000
-"""Words of GloVe's vocabulary per batch, which bounds memory."""
 _RANDOM_DIMENSIONS = 300
 """As in the paper's released code."""
 _RANDOM_STD = 0.4
@@ -389,16 +387,10 @@ def _glove_rows(words: tuple[str, ...]) -> NDArray[np.int64]:
     """
     from pyarrow import parquet
 
-    rows = dict.fromkeys(words, -1)
-    with parquet.ParquetFile(_glove_folder() / "glove_6B_index.parquet") as file:
-        first = 0
-        # Batches without Arrow's search take a quarter of the time, and 90 MB less at the peak.
-        for batch in file.iter_batches(_VOCABULARY_BATCH, use_threads=False):
-            for row, word in enumerate(batch.column(0).to_pylist(), first):
-                if word in rows:
-                    rows[word] = row
-            first += len(batch)
-    row_of_word = np.array([rows[word] for word in words], dtype=np.int64)
+    # Without Arrow's search, which takes four times as long and 90 MB more.
+    table = parquet.read_table(_glove_folder() / "glove_6B_index.parquet", use_threads=False)
+    rows = {word: row for row, word in enumerate(table.column(0).to_pylist())}
+    row_of_word = np.array([rows.get(word, -1) for word in words], dtype=np.int64)
     row_of_word.flags.writeable = False
     return row_of_word
 

@@ -312,8 +312,7 @@ def slice_masks(ranks: pd.DataFrame) -> dict[str, NDArray[np.bool_]]:
     masks = {"all": np.ones(len(ranks), dtype=bool)}
     for number, name in enumerate(RELATIONS):
         masks[name] = relation == number
-    for number, name in enumerate(RELATIONS):
-        is_own = relation == number
+    for name in RELATIONS:
         for slot in ("head", "tail"):
-            masks[f"{name}, predict {slot}"] = is_own & (side == slot)
+            masks[f"{name}, predict {slot}"] = masks[name] & (side == slot)
     return masks

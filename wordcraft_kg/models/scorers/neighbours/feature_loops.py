@@ -342,10 +342,8 @@ def _different_results(pair_starts, pair_counts, result_of, places, is_listed): 
         places: places of the pairs in the hash table.
         is_listed: work space, shape (T,): False before and after.
     """
-    total = 0
-    for number in range(len(places)):
-        total += min(pair_counts[places[number]], MOST_RESULTS)
-    results = np.empty(total, dtype=np.int32)
+    # Room for all entities: memory that nobody writes to is not taken.
+    results = np.empty(len(is_listed), dtype=np.int32)
     count = 0
     for number in range(len(places)):
         start = pair_starts[places[number]]

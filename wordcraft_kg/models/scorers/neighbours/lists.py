@@ -202,15 +202,17 @@ def make_lists(
     first, second, result = (np.ascontiguousarray(column, dtype=np.int32) for column in ordered.T)
     # A recipe with twice the same ingredient is one link.
     rows_of_links, ingredients = different_ingredients(ordered, size)
-    num_uses = _counted(ingredients, size)
-    num_makers = _counted(result, size)
+    num_uses = np.bincount(ingredients, minlength=size).astype(np.int32)
+    num_makers = np.bincount(result, minlength=size).astype(np.int32)
     rows = profiles(ordered, size).astype(np.float32)
     near_starts, near, near_cosines = _structural_neighbours(rows, min(nearest, max(size, 1)))
     # A profile has length 1, words add their part; entities with neither stay at the words' part.
     norms = ((np.diff(rows.indptr) > 0) + TEXT).astype(np.float32)
-    cosines = _cosines(vectors)
+    matrix_size = size if size <= MATRIX else 0
+    cosines = np.empty((matrix_size, matrix_size), dtype=np.float32)
+    list_loops.word_cosines(vectors[:matrix_size], cosines)
     kernels = np.zeros_like(cosines)
-    list_loops.all_kernels(near_starts, near, near_cosines, norms[: len(kernels)], cosines, kernels)
+    list_loops.all_kernels(near_starts, near, near_cosines, norms[:matrix_size], cosines, kernels)
     neighbours = (near_starts, near, near_cosines, norms, near_words)
     ingredient_lists, result_lists = _merged(
         vectors,
@@ -296,16 +298,15 @@ def _sparse_rows(matrix: Any) -> tuple[Ids, Numbers, Floats]:
     return starts, matrix.indices.astype(np.int32), matrix.data.astype(np.float32)
 
 
-def _cosines(vectors: Floats) -> Floats:
-    """Return the word cosines of all entities, (T, T); (0, 0) above :data:`MATRIX` entities."""
-    size = len(vectors) if len(vectors) <= MATRIX else 0
-    cosines = np.empty((size, size), dtype=np.float32)
-    list_loops.word_cosines(vectors[:size], cosines)
-    return cosines
-
-
 def _structural_neighbours(rows: Any, nearest: int) -> tuple[Ids, Numbers, Floats]:
-    """Return the lists of :func:`_both_ways` from profiles, sparse (T, M), ``nearest`` for each."""
+    """Return lists in which an entity is its neighbour's neighbour: starts, ids, cosines.
+
+    The similarity of two entities does not depend on their order then.
+
+    Args:
+        rows: profiles, sparse, shape (T, M).
+        nearest: neighbours that are searched for each entity.
+    """
     # A function of its own: in a large book, its arrays take as much memory as all lists.
     columns = rows.T.tocsr()
     profiles_both_ways = (
@@ -330,7 +331,14 @@ def _structural_neighbours(rows: Any, nearest: int) -> tuple[Ids, Numbers, Float
         )
 
     write_blocks(write, blocks_of(size))
-    return _both_ways(near, cosines)
+    is_listed = near < list_loops.FAR
+    entities, _ = np.nonzero(is_listed)
+    cells = (entities, near[is_listed])
+    table = sparse.csr_array((cosines[is_listed], cells), shape=(size, size))
+    # Both directions hold the same sum, added in another order: the larger one counts.
+    symmetric = table.maximum(table.T).tocsr()
+    symmetric.sort_indices()
+    return _sparse_rows(symmetric)
 
 
 def _merged(
@@ -376,37 +384,11 @@ def _merged(
     return lists
 
 
-def _both_ways(near: Numbers, cosines: Floats) -> tuple[Ids, Numbers, Floats]:
-    """Return lists in which an entity is its neighbour's neighbour: starts, ids, cosines.
-
-    The similarity of two entities does not depend on their order then.
-
-    Args:
-        near: each entity's K neighbours, shape (T, K), :data:`FAR` at the end.
-        cosines: shape (T, K).
-    """
-    size = len(near)
-    is_listed = near < list_loops.FAR
-    rows, _ = np.nonzero(is_listed)
-    cells = (rows, near[is_listed])
-    table = sparse.csr_array((cosines[is_listed], cells), shape=(size, size))
-    # Both directions hold the same sum, added in another order: the larger one counts.
-    symmetric = table.maximum(table.T).tocsr()
-    symmetric.sort_indices()
-    starts = symmetric.indptr.astype(np.int64)
-    ids = symmetric.indices.astype(np.int32)
-    return starts, ids, symmetric.data
-
-
 def ordered_recipes(recipes: Ids) -> Ids:
     """Return distinct recipes, shape (n, 3), in ascending order, the smaller ingredient first."""
     rows = recipes.copy()
     rows[:, :2].sort(axis=1)
     return np.unique(rows, axis=0)
-
-
-def _counted(ids: Ids | Numbers, size: int) -> Numbers:
-    return np.bincount(ids, minlength=size).astype(np.int32)
 
 
 def _by_result(recipes: Ids) -> Numbers:

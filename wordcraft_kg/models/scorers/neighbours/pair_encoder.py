@@ -23,7 +23,6 @@ _PAIRS = 4_096
 """Pairs that are encoded at once: their inputs take 6 MiB."""
 _RECIPES = 2**16
 """Recipes whose pairs are gathered at once: 64 MiB at most."""
-_PREFIX = "encoder_"
 
 
 class PairEncoder(NamedTuple):
@@ -193,7 +192,7 @@ class PairEncoder(NamedTuple):
         return z @ result_vectors.T + self.bias
 
 
-ENCODER = tuple(f"{_PREFIX}{name}" for name in PairEncoder._fields)
+ENCODER = tuple(f"encoder_{name}" for name in PairEncoder._fields)
 """Names of an encoder's tensors, in files and modules."""
 
 

@@ -402,7 +402,7 @@ class StoredKnowledge(nn.Module):
 
 def _named(ranker: Ranker, prefix: str = "") -> dict[str, Tensor]:
     """Return a ranker's weights by prefixed name, with a first axis for a single model."""
-    return {f"{prefix}{name}": weights[None] for name, weights in ranker.weights().items()}
+    return {f"{prefix}{name}": weights[None] for name, weights in ranker._asdict().items()}
 
 
 def _renew(knowledge: nn.Module, _: object) -> None:

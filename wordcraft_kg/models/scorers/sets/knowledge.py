@@ -143,7 +143,14 @@ class SetKnowledge:
         is_in_goal = amounts[recipes[:, -1]] > 0
         # A goal without parts tells nothing of what recipes lose.
         is_told = is_in_goal.any(1)
-        self._count_parts((is_in @ has_part.astype(np.float32))[is_told], is_in_goal[is_told])
+        brought = (is_in @ has_part.astype(np.float32))[is_told]
+        told_parts = is_in_goal[is_told]
+        is_brought = brought > 0
+        recipes_with = np.maximum(is_brought.sum(0), 1)
+        self.lost = (is_brought & ~told_parts).sum(0) / recipes_with
+        self.is_kept = self.lost <= _LOST_FROM
+        self.unmet = (told_parts & ~is_brought).sum(0) / np.maximum(told_parts.sum(0), 1)
+        self.shared = brought.sum(0) / recipes_with
         self.is_key = self.is_kept & (self.shared <= _SHARED_FROM) | (not self.has_parts)
         # Ingredients such as carbon for a carbide: no key part, but a part that other goals lose.
         self._is_spare: Flags = ~np.any(has_part[:, self.is_key], axis=1)
@@ -172,20 +179,6 @@ class SetKnowledge:
             sets=np.ascontiguousarray(sets),
             has_part=has_part,
         )
-
-    def _count_parts(self, brought: Vector, is_in_goal: Flags) -> None:
-        """Learn what recipes lose, share and leave unmet.
-
-        Args:
-            brought: number of ingredients with each part in each recipe, shape (R, P).
-            is_in_goal: shape (R, P).
-        """
-        is_brought = brought > 0
-        recipes_with = np.maximum(is_brought.sum(0), 1)
-        self.lost = (is_brought & ~is_in_goal).sum(0) / recipes_with
-        self.is_kept = self.lost <= _LOST_FROM
-        self.unmet = (is_in_goal & ~is_brought).sum(0) / np.maximum(is_in_goal.sum(0), 1)
-        self.shared = brought.sum(0) / recipes_with
 
     def style(self, has_part: Flags) -> Vector:
         """Return the kind of ingredients: lost and shared parts, a single part, several keys.

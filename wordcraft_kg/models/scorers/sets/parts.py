@@ -87,17 +87,6 @@ class Parts:
         return digest.hexdigest()
 
 
-def check_parts(source: str) -> None:
-    """Check the name of a source of parts.
-
-    Raises:
-        ConfigError: if it is neither a known name nor a file.
-    """
-    if source not in (NO_PARTS, *PARSERS) and not Path(source).is_file():
-        names = " or ".join((NO_PARTS, *PARSERS))
-        raise refuse("parts", source, f"{names}, or a table with the columns label, part, amount")
-
-
 def read_parts(source: str, labels: Sequence[str], *, allow_missing: bool = False) -> Parts:
     """Return the shares of parts of entities by their labels, see :func:`parts_of_labels`.
 
@@ -126,10 +115,13 @@ def parts_of_labels(
         allow_missing: whether entities may lack parts.
 
     Raises:
-        ConfigError: if a label has no parts, with examples, or the file has a wrong line.
+        ConfigError: if the source is neither a known name nor a file, a label has no parts, with
+            examples, or the file has a wrong line.
         MissingExtraError: if the parser's library is not installed.
     """
-    check_parts(source)
+    if source not in PARSERS and not Path(source).is_file():
+        names = " or ".join((NO_PARTS, *PARSERS))
+        raise refuse("parts", source, f"{names}, or a table with the columns label, part, amount")
     table = {} if source in PARSERS else _read_table(Path(source))
     parts_of_entity: list[Mapping[str, float]] = []
     missing: list[str] = []

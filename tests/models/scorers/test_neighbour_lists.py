@@ -324,9 +324,15 @@ def test_lists_have_the_same_bits_with_any_number_of_threads(monkeypatch):
     for number in ("1", "3"):
         monkeypatch.setenv(CORES_VARIABLE, number)
         made.append(make_lists(recipes, vectors, nearest_words(vectors, 8), nearest=5))
-    alone, together = made
-    for name, array in alone._asdict().items():
-        np.testing.assert_array_equal(array, getattr(together, name), err_msg=name)
+    alone, together = (arrays_of(lists) for lists in made)
+    for one, other in zip(alone, together, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def arrays_of(lists):
+    """All arrays, also those of lists within lists."""
+    parts = [part if isinstance(part, tuple) else (part,) for part in lists]
+    return [array for arrays in parts for array in arrays]
 
 
 def test_structural_neighbours_have_the_largest_cosines_of_profiles():
@@ -337,10 +343,10 @@ def test_structural_neighbours_have_the_largest_cosines_of_profiles():
     cosines = rows @ rows.T
     np.fill_diagonal(cosines, 0)
     for entity in range(30):
-        places = slice(lists.near_starts[entity], lists.near_starts[entity + 1])
-        found = lists.near[places]
+        places = slice(lists.near.starts[entity], lists.near.starts[entity + 1])
+        found = lists.near.columns[places]
         assert sorted(found) == found.tolist()
-        np.testing.assert_allclose(lists.near_cosines[places], cosines[entity, found], rtol=1e-5)
+        np.testing.assert_allclose(lists.near.values[places], cosines[entity, found], rtol=1e-5)
         # Its own five, and all that have it among their five.
         left_out = np.setdiff1d(np.arange(30), found)
         own = np.sort(cosines[entity])[::-1][:5]

@@ -168,8 +168,8 @@ def test_knowledge_appends_the_encoders_features(knowledge, encoder, empty):
 def slow_proposals(lists, encoder, a, b, number):
     """Results of the pairs of neighbours by weight, and the encoder's best ones."""
     weights = {}
-    for x, of_a in zip(lists.used[a], lists.used_alike[a], strict=True):
-        for y, of_b in zip(lists.used[b], lists.used_alike[b], strict=True):
+    for x, of_a in zip(lists.used.ids[a], lists.used.alike[a], strict=True):
+        for y, of_b in zip(lists.used.ids[b], lists.used.alike[b], strict=True):
             if x < 0 or y < 0 or of_a * of_b < 2e-3:
                 continue
             low, high = min(x, y), max(x, y)

@@ -32,9 +32,8 @@ def _add_results(lists, a, b, factor, weights, places, pair_weights, words):  # 
         pair_weights: work space likewise.
         words: work space likewise.
     """
-    neighbours = (lists.used, lists.used_alike, lists.used_words)
     hashed = (lists.partner_bits, lists.pair_keys)
-    count, itself = neighbour_pairs(*neighbours, *hashed, a, b, 0, places, pair_weights, words)
+    count, itself = neighbour_pairs(lists.used, *hashed, a, b, 0, places, pair_weights, words)
     for number in range(count):
         weight = pair_weights[number]
         # The pair itself, at the first attempt: its results are certain, not only likely.
@@ -66,11 +65,11 @@ def _add_needs(lists, goal, factor, weights):  # type: ignore[no-untyped-def]
             # own; others are first in theirs.
             if lists.num_makers[ingredient] == 0:
                 weights[ingredient] += factor * lists.support_alike[goal, row]
-            for column in range(lists.made.shape[1]):
-                neighbour = lists.made[ingredient, column]
+            for column in range(lists.made.ids.shape[1]):
+                neighbour = lists.made.ids[ingredient, column]
                 if neighbour < 0:
                     break
-                weight = lists.support_alike[goal, row] * lists.made_alike[ingredient, column]
+                weight = lists.support_alike[goal, row] * lists.made.alike[ingredient, column]
                 weights[neighbour] += factor * weight
 
 
@@ -113,13 +112,13 @@ def _like_made(lists, entity, makes):  # type: ignore[no-untyped-def]
         makes: how strongly each entity is made, shape (T,); negative for those that do not count.
     """
     total = np.float32(0)
-    for column in range(lists.made.shape[1]):
-        neighbour = lists.made[entity, column]
+    for column in range(lists.made.ids.shape[1]):
+        neighbour = lists.made.ids[entity, column]
         if neighbour < 0:
             break
         # A known result is certain, but not a reason to expect another one.
         strength = min(makes[neighbour], np.float32(1))
-        total += lists.made_alike[entity, column] * max(strength, np.float32(0))
+        total += lists.made.alike[entity, column] * max(strength, np.float32(0))
     return total
 
 
@@ -161,7 +160,7 @@ def intermediates(lists, goals, tables, further, near, out):  # type: ignore[no-
     width = out.shape[1]
     # Work space for a pair, made once for the batch.
     best_values = np.empty(width, dtype=np.float32)
-    max_pairs = lists.used.shape[1] ** 2
+    max_pairs = lists.used.ids.shape[1] ** 2
     places = np.empty(max_pairs, dtype=np.int64)
     pair_weights = np.empty(max_pairs, dtype=np.float32)
     words = np.empty(max_pairs, dtype=np.float32)
@@ -236,9 +235,8 @@ def results_of_pairs(lists, first, second, out):  # type: ignore[no-untyped-def]
         out: shape (n, C).
     """
     width = out.shape[1]
-    neighbours = (lists.used, lists.used_alike, lists.used_words)
     hashed = (lists.partner_bits, lists.pair_keys)
-    max_pairs = lists.used.shape[1] ** 2
+    max_pairs = lists.used.ids.shape[1] ** 2
     # Work space, made once for all pairs.
     places = np.empty(max_pairs, dtype=np.int64)
     weights = np.empty(max_pairs, dtype=np.float32)
@@ -248,7 +246,7 @@ def results_of_pairs(lists, first, second, out):  # type: ignore[no-untyped-def]
     values = np.empty(width, dtype=np.float32)
     for row in range(len(first)):
         num_neighbour_pairs, _ = neighbour_pairs(
-            *neighbours, *hashed, first[row], second[row], 0, places, weights, words
+            lists.used, *hashed, first[row], second[row], 0, places, weights, words
         )
         count = 0
         for number in range(num_neighbour_pairs):

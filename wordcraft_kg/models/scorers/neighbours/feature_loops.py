@@ -70,14 +70,12 @@ OF_SLOTS = 15
 
 @in_place
 def neighbour_pairs(  # type: ignore[no-untyped-def]
-    used, used_alike, used_words, partner_bits, pair_keys, a, b, begin, places, weights, words
+    used, partner_bits, pair_keys, a, b, begin, places, weights, words
 ):
     """Find the known pairs of neighbours of a and of b, the most similar neighbours first.
 
     Args:
         used: ``lists.used``.
-        used_alike: ``lists.used_alike``.
-        used_words: ``lists.used_words``.
         partner_bits: ``lists.partner_bits``.
         pair_keys: ``lists.pair_keys``.
         a: entity id.
@@ -93,14 +91,14 @@ def neighbour_pairs(  # type: ignore[no-untyped-def]
     count = begin
     # Not a plain -1, which has a type of its own.
     itself = np.int64(-1)
-    for row in range(used.shape[1]):
-        first_neighbour = used[a, row]
+    for row in range(used.ids.shape[1]):
+        first_neighbour = used.ids[a, row]
         # Neighbours come by descending similarity: with the nearest one of b too small, all are.
-        if first_neighbour < 0 or used_alike[a, row] * used_alike[b, 0] < LEAST:
+        if first_neighbour < 0 or used.alike[a, row] * used.alike[b, 0] < LEAST:
             break
-        for column in range(used.shape[1]):
-            second_neighbour = used[b, column]
-            weight = used_alike[a, row] * used_alike[b, column]
+        for column in range(used.ids.shape[1]):
+            second_neighbour = used.ids[b, column]
+            weight = used.alike[a, row] * used.alike[b, column]
             if second_neighbour < 0 or weight < LEAST:
                 break
             # By a or b itself, whose signature is in the fast cache.
@@ -115,7 +113,7 @@ def neighbour_pairs(  # type: ignore[no-untyped-def]
                 itself = count
             places[count] = place
             weights[count] = weight
-            words[count] = used_words[a, row] * used_words[b, column]
+            words[count] = used.words[a, row] * used.words[b, column]
             count += 1
     return count, itself
 
@@ -135,17 +133,17 @@ def links_to_results(lists, goal, entry_of, entries, counts):  # type: ignore[no
         counts: receives the number of recipes with the link, shape (L,).
     """
     end = np.int64(0)
-    places = lists.made.shape[1]
+    places = lists.made.ids.shape[1]
     # From the last neighbour to the first, so that an ingredient's list begins with the first.
     for column in range(places - 1, -1, -1):
-        result = lists.made[goal, column]
+        result = lists.made.ids[goal, column]
         if result < 0:
             continue
-        for place in range(lists.part_starts[result], lists.part_starts[result + 1]):
-            part = lists.parts[place]
+        for place in range(lists.parts.starts[result], lists.parts.starts[result + 1]):
+            part = lists.parts.columns[place]
             entries[end, 0] = column
             entries[end, 1] = entry_of[part]
-            counts[end] = lists.part_counts[place]
+            counts[end] = lists.parts.values[place]
             entry_of[part] = end
             end += 1
 
@@ -159,12 +157,12 @@ def forget_links(lists, goal, entry_of):  # type: ignore[no-untyped-def]
         goal: entity id.
         entry_of: shape (T,).
     """
-    for column in range(lists.made.shape[1]):
-        result = lists.made[goal, column]
+    for column in range(lists.made.ids.shape[1]):
+        result = lists.made.ids[goal, column]
         if result < 0:
             break
-        for place in range(lists.part_starts[result], lists.part_starts[result + 1]):
-            entry_of[lists.parts[place]] = -1
+        for place in range(lists.parts.starts[result], lists.parts.starts[result + 1]):
+            entry_of[lists.parts.columns[place]] = -1
 
 
 @in_place
@@ -184,7 +182,7 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
     word = lists.by_words
     entry_of, entries, counts = to_results
     hashed = (lists.partner_bits, lists.pair_keys)
-    links = (lists.result_bits, lists.part_starts, lists.parts, lists.part_counts)
+    links = (lists.result_bits, lists.parts)
     for slot in range(len(table)):
         entity = table[slot]
         if entity < 0:
@@ -192,35 +190,35 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
         soft = np.float32(0)
         soft_words = np.float32(0)
         with_goal = np.float32(0)
-        for row in range(lists.used.shape[1]):
-            neighbour = lists.used[entity, row]
+        for row in range(lists.used.ids.shape[1]):
+            neighbour = lists.used.ids[entity, row]
             if neighbour < 0:
                 break
-            neighbour_weight = lists.used_alike[entity, row]
+            neighbour_weight = lists.used.alike[entity, row]
             if pair_place(*hashed, goal, neighbour) >= 0:
                 with_goal += neighbour_weight
             entry = entry_of[neighbour]
             while entry >= 0:
                 column = entries[entry, 0]
-                weight = neighbour_weight * lists.made_alike[goal, column]
+                weight = neighbour_weight * lists.made.alike[goal, column]
                 # Neighbours come by descending similarity, so all that follow are below, too.
                 if weight < LEAST:
                     break
                 number = counts[entry]
-                word_weight = lists.used_words[entity, row] * lists.made_words[goal, column]
+                word_weight = lists.used.words[entity, row] * lists.made.words[goal, column]
                 soft += number * weight
                 soft_words += number * word_weight
                 entry = entries[entry, 1]
         reverse = np.float32(0)
-        for column in range(lists.made.shape[1]):
-            result = lists.made[entity, column]
+        for column in range(lists.made.ids.shape[1]):
+            result = lists.made.ids[entity, column]
             if result < 0:
                 break
-            reverse += lists.made_alike[entity, column] * num_links(*links, goal, result)
+            reverse += lists.made.alike[entity, column] * num_links(*links, goal, result)
         partners = 0
         steps = 0
-        for place in range(lists.part_starts[goal], lists.part_starts[goal + 1]):
-            part = lists.parts[place]
+        for place in range(lists.parts.starts[goal], lists.parts.starts[goal + 1]):
+            part = lists.parts.columns[place]
             if pair_place(*hashed, entity, part) >= 0:
                 partners += 1
             if num_links(*links, entity, part) > 0:
@@ -317,8 +315,6 @@ def _all_neighbour_pairs(lists, table, first_slots, second_slots, starts, places
             continue
         end, _ = neighbour_pairs(
             lists.used,
-            lists.used_alike,
-            lists.used_words,
             lists.partner_bits,
             lists.pair_keys,
             a,
@@ -497,14 +493,14 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
     kernel = lists.by_kernel
     word = lists.by_words
     # Room for more pairs than there are costs nothing: memory that nobody writes to is not taken.
-    max_pairs = len(one) * lists.used.shape[1] ** 2
+    max_pairs = len(one) * lists.used.ids.shape[1] ** 2
     known_pairs = (
         np.empty(max_pairs, dtype=np.int64),
         np.empty(max_pairs, dtype=np.float32),
         np.empty(max_pairs, dtype=np.float32),
     )
     hashed = (lists.partner_bits, lists.pair_keys)
-    makers = (lists.result_bits, lists.part_starts, lists.parts, lists.part_counts)
+    makers = (lists.result_bits, lists.parts)
     results_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
     end = np.int64(0)
     while end < len(goals):

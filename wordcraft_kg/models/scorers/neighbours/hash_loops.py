@@ -99,23 +99,22 @@ def pair_place(partner_bits, pair_keys, a, b):  # type: ignore[no-untyped-def]
 
 
 @in_place
-def num_links(result_bits, part_starts, parts, part_counts, ingredient, result):  # type: ignore[no-untyped-def]
+def num_links(result_bits, parts, ingredient, result):  # type: ignore[no-untyped-def]
     """Return the number of recipes that use an ingredient and make a result.
 
     Args:
         result_bits: ``lists.result_bits``.
-        part_starts: ``lists.part_starts``.
         parts: ``lists.parts``.
-        part_counts: ``lists.part_counts``.
         ingredient: entity id.
         result: entity id.
     """
     if not _may_hold(result_bits, ingredient, result):
         return np.int32(0)
-    low = part_starts[result]
-    end = part_starts[result + 1]
-    place = _first_place(parts, low, end, ingredient)
-    return part_counts[place] if place < end and parts[place] == ingredient else np.int32(0)
+    low = parts.starts[result]
+    end = parts.starts[result + 1]
+    place = _first_place(parts.columns, low, end, ingredient)
+    is_link = place < end and parts.columns[place] == ingredient
+    return parts.values[place] if is_link else np.int32(0)
 
 
 @in_place

@@ -171,8 +171,8 @@ def component_features(lists, goals, tables, out):  # type: ignore[no-untyped-de
     kernels = np.empty(tables.shape[1], dtype=np.float32)
     cosines = np.empty(tables.shape[1], dtype=np.float32)
     entry_of = np.full(len(lists.norms), -1, dtype=np.int32)
-    entries = np.empty((len(lists.parts), 2), dtype=np.int32)
-    counts = np.empty(len(lists.parts), dtype=np.int32)
+    entries = np.empty((len(lists.parts.columns), 2), dtype=np.int32)
+    counts = np.empty(len(lists.parts.columns), dtype=np.int32)
     to_results = (entry_of, entries, counts)
     for row in range(len(goals)):
         goal = goals[row]
@@ -189,7 +189,7 @@ def component_features(lists, goals, tables, out):  # type: ignore[no-untyped-de
 def combines_features(lists, keys, tables, out):  # type: ignore[no-untyped-def]
     """Write the features of combinesWith links between each slot and one entity.
 
-    Completion is the product ``H R Hᵀ`` of sparse matrices, see ``Lists.half_starts``.
+    Completion is the product ``H R Hᵀ`` of sparse matrices, see ``Lists.half``.
 
     Args:
         lists: the lists.
@@ -199,46 +199,42 @@ def combines_features(lists, keys, tables, out):  # type: ignore[no-untyped-def]
             without key, keeps its zeros.
     """
     word = lists.by_words
-    half_starts = lists.half_starts
-    half_nodes = lists.half_nodes
-    half_values = lists.half_values
-    pair_starts = lists.node_starts
-    pair_nodes = lists.node_partners
-    pair_values = lists.node_values
+    half = lists.half
+    nodes = lists.nodes
+    used = lists.used
     hashed = (lists.partner_bits, lists.pair_keys)
-    width = lists.used.shape[1]
     kernels = np.empty(tables.shape[1], dtype=np.float32)
     cosines = np.empty(tables.shape[1], dtype=np.float32)
     structure = np.zeros(len(lists.norms), dtype=np.float32)
-    reached = np.zeros(len(pair_starts) - 1, dtype=np.float32)
+    reached = np.zeros(len(nodes.starts) - 1, dtype=np.float32)
     for row in range(len(keys)):
         key = keys[row]
         if key < 0:
             continue
         alike_of(lists, key, tables[row], structure, kernels, cosines)
         # The key's row of H R, in an array of all nodes.
-        for place in range(half_starts[key], half_starts[key + 1]):
-            node = half_nodes[place]
-            node_weight = half_values[place]
-            for end in range(pair_starts[node], pair_starts[node + 1]):
-                reached[pair_nodes[end]] += node_weight * pair_values[end]
+        for place in range(half.starts[key], half.starts[key + 1]):
+            node = half.columns[place]
+            node_weight = half.values[place]
+            for end in range(nodes.starts[node], nodes.starts[node + 1]):
+                reached[nodes.columns[end]] += node_weight * nodes.values[end]
         for slot in range(tables.shape[1]):
             entity = tables[row, slot]
             if entity < 0:
                 continue
             completion = np.float32(0)
-            for place in range(half_starts[entity], half_starts[entity + 1]):
-                node = half_nodes[place]
-                completion += half_values[place] * reached[node]
+            for place in range(half.starts[entity], half.starts[entity + 1]):
+                node = half.columns[place]
+                completion += half.values[place] * reached[node]
             # Known pairs of one of both and a neighbour of the other.
             near = np.float32(0)
-            for number in range(width):
-                near_key = lists.used[key, number]
+            for number in range(used.ids.shape[1]):
+                near_key = used.ids[key, number]
                 if near_key >= 0 and pair_place(*hashed, near_key, entity) >= 0:
-                    near += lists.used_alike[key, number]
-                near_entity = lists.used[entity, number]
+                    near += used.alike[key, number]
+                near_entity = used.ids[entity, number]
                 if near_entity >= 0 and pair_place(*hashed, near_entity, key) >= 0:
-                    near += lists.used_alike[entity, number]
+                    near += used.alike[entity, number]
             uses = log1p(lists.num_uses[key])
             other_uses = log1p(lists.num_uses[entity])
             num_made = log1p(lists.num_makers[key])
@@ -254,7 +250,7 @@ def combines_features(lists, keys, tables, out):  # type: ignore[no-untyped-def]
             features[_NEAR_PAIRS] = log(FLOOR + near)
             features[_WORD_REGRESSION] = product(word.pair_left, word.right, key, entity)
         # Cleared where it was written, for the next key.
-        for place in range(half_starts[key], half_starts[key + 1]):
-            node = half_nodes[place]
-            for end in range(pair_starts[node], pair_starts[node + 1]):
-                reached[pair_nodes[end]] = 0
+        for place in range(half.starts[key], half.starts[key + 1]):
+            node = half.columns[place]
+            for end in range(nodes.starts[node], nodes.starts[node + 1]):
+                reached[nodes.columns[end]] = 0

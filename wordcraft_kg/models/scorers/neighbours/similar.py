@@ -92,10 +92,10 @@ def alike_of(lists, entity, others, structure, kernels, cosines):  # type: ignor
         return
     # Profile cosines in an array of all entities: reading them costs nothing then, where each
     # search in a list would miss a few branches.
-    begin = lists.near_starts[entity]
-    end = lists.near_starts[entity + 1]
+    begin = lists.near.starts[entity]
+    end = lists.near.starts[entity + 1]
     for place in range(begin, end):
-        structure[lists.near[place]] = lists.near_cosines[place]
+        structure[lists.near.columns[place]] = lists.near.values[place]
     for number in range(len(others)):
         candidate = others[number]
         kernel = np.float32(0)
@@ -111,4 +111,4 @@ def alike_of(lists, entity, others, structure, kernels, cosines):  # type: ignor
         cosines[number] = cosine
     # Cleared where it was written: far fewer places than all T.
     for place in range(begin, end):
-        structure[lists.near[place]] = 0
+        structure[lists.near.columns[place]] = 0

@@ -69,25 +69,22 @@ OF_SLOTS = 15
 
 
 @in_place
-def neighbour_pairs(  # type: ignore[no-untyped-def]
-    used, partner_bits, pair_keys, a, b, begin, places, weights, words
-):
+def neighbour_pairs(used, pairs, a, b, begin, known_pairs):  # type: ignore[no-untyped-def]
     """Find the known pairs of neighbours of a and of b, the most similar neighbours first.
 
     Args:
         used: ``lists.used``.
-        partner_bits: ``lists.partner_bits``.
-        pair_keys: ``lists.pair_keys``.
+        pairs: ``lists.pairs``.
         a: entity id.
         b: entity id.
-        begin: where to begin in the following arrays, which have room for all pairs of neighbours.
-        places: receives places in the hash table of pairs.
-        weights: receives k²(a, a') k²(b, b').
-        words: receives the same by words.
+        begin: where to begin in the following arrays.
+        known_pairs: receives places in the hash table of pairs, weights k²(a, a') k²(b, b'), and
+            the same by words; from :func:`room_for_pairs`.
 
     Returns:
         the end of the pairs, and the place of a + b itself, -1 if it is not known.
     """
+    places, weights, words = known_pairs
     count = begin
     # Not a plain -1, which has a type of its own.
     itself = np.int64(-1)
@@ -103,9 +100,9 @@ def neighbour_pairs(  # type: ignore[no-untyped-def]
                 break
             # By a or b itself, whose signature is in the fast cache.
             place = (
-                pair_place(partner_bits, pair_keys, first_neighbour, second_neighbour)
+                pair_place(pairs, first_neighbour, second_neighbour)
                 if row == 0
-                else pair_place(partner_bits, pair_keys, second_neighbour, first_neighbour)
+                else pair_place(pairs, second_neighbour, first_neighbour)
             )
             if place < 0:
                 continue
@@ -116,6 +113,17 @@ def neighbour_pairs(  # type: ignore[no-untyped-def]
             words[count] = used.words[a, row] * used.words[b, column]
             count += 1
     return count, itself
+
+
+@compiled
+def room_for_pairs(lists, number):  # type: ignore[no-untyped-def]
+    """Return work space for the known pairs of neighbours of a number of pairs.
+
+    Room for more pairs than there are costs nothing: memory that nobody writes to is not taken.
+    """
+    size = number * lists.used.ids.shape[1] ** 2
+    weights = np.empty(size, dtype=np.float32)
+    return np.empty(size, dtype=np.int64), weights, np.empty_like(weights)
 
 
 @in_place
@@ -181,7 +189,6 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
     kernel = lists.by_kernel
     word = lists.by_words
     entry_of, entries, counts = to_results
-    hashed = (lists.partner_bits, lists.pair_keys)
     links = (lists.result_bits, lists.parts)
     for slot in range(len(table)):
         entity = table[slot]
@@ -195,7 +202,7 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
             if neighbour < 0:
                 break
             neighbour_weight = lists.used.alike[entity, row]
-            if pair_place(*hashed, goal, neighbour) >= 0:
+            if pair_place(lists.pairs, goal, neighbour) >= 0:
                 with_goal += neighbour_weight
             entry = entry_of[neighbour]
             while entry >= 0:
@@ -219,7 +226,7 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
         steps = 0
         for place in range(lists.parts.starts[goal], lists.parts.starts[goal + 1]):
             part = lists.parts.columns[place]
-            if pair_place(*hashed, entity, part) >= 0:
+            if pair_place(lists.pairs, entity, part) >= 0:
                 partners += 1
             if num_links(*links, entity, part) > 0:
                 steps += 1
@@ -231,7 +238,7 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
         out[slot, _LINK_WORDS] = log(FLOOR + soft_words)
         out[slot, _LINK_REVERSE] = log(FLOOR + reverse)
         out[slot, _LINK_WITH_GOAL] = log(FLOOR + with_goal)
-        out[slot, _COMBINES] = 1 if pair_place(*hashed, entity, goal) >= 0 else 0
+        out[slot, _COMBINES] = 1 if pair_place(lists.pairs, entity, goal) >= 0 else 0
         out[slot, _PARTNERS] = log1p(partners)
         out[slot, _STEPS] = log1p(steps)
         out[slot, _REGRESSION] = product(kernel.left, kernel.right, entity, goal)
@@ -243,12 +250,8 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
 @in_place
 def _write_neighbour_features(  # type: ignore[no-untyped-def]
     out,
-    pair_starts,
-    pair_counts,
-    result_of,
-    places,
-    weights,
-    words,
+    pairs,
+    known_pairs,
     first,
     last,
     result_weights,
@@ -258,17 +261,14 @@ def _write_neighbour_features(  # type: ignore[no-untyped-def]
 
     Args:
         out: shape (F,).
-        pair_starts: ``lists.pair_starts``.
-        pair_counts: ``lists.pair_counts``.
-        result_of: ``lists.result``.
-        places: of known pairs, from :func:`neighbour_pairs`, likewise the following two.
-        weights: likewise.
-        words: likewise.
+        pairs: ``lists.pairs``.
+        known_pairs: from :func:`neighbour_pairs`.
         first: number of the first known pair.
         last: end of the known pairs.
         result_weights: k² of each result and the goal, shape (T,).
         result_words: the same by words.
     """
+    places, weights, words = known_pairs
     anything = np.float32(0)
     alike = np.float32(0)
     anything_words = np.float32(0)
@@ -277,12 +277,12 @@ def _write_neighbour_features(  # type: ignore[no-untyped-def]
         place = places[number]
         weight = weights[number]
         weight_by_words = words[number]
-        start = pair_starts[place]
-        results = min(pair_counts[place], MOST_RESULTS)
+        start = pairs.starts[place]
+        results = min(pairs.counts[place], MOST_RESULTS)
         anything += results * weight
         anything_words += results * weight_by_words
         for recipe in range(start, start + results):
-            result = result_of[recipe]
+            result = pairs.results[recipe]
             alike += weight * result_weights[result]
             alike_words += weight_by_words * result_words[result]
     out[_MAKES_ANYTHING] = log(FLOOR + anything)
@@ -292,7 +292,7 @@ def _write_neighbour_features(  # type: ignore[no-untyped-def]
 
 
 @in_place
-def _all_neighbour_pairs(lists, table, first_slots, second_slots, starts, places, weights, words):  # type: ignore[no-untyped-def]
+def _all_neighbour_pairs(lists, table, first_slots, second_slots, starts, known_pairs):  # type: ignore[no-untyped-def]
     """Find the known pairs of neighbours of all pairs of slots.
 
     Args:
@@ -301,10 +301,7 @@ def _all_neighbour_pairs(lists, table, first_slots, second_slots, starts, places
         first_slots: first slot of each pair, shape (P,).
         second_slots: second slot of each pair, shape (P,).
         starts: receives where each pair's begin, and the end, shape (P + 1,).
-        places: as in :func:`neighbour_pairs`, likewise the following two: with room for all pairs
-            of neighbours of all pairs of slots.
-        weights: likewise.
-        words: likewise.
+        known_pairs: as in :func:`neighbour_pairs`.
     """
     end = np.int64(0)
     for pair in range(len(first_slots)):
@@ -313,28 +310,16 @@ def _all_neighbour_pairs(lists, table, first_slots, second_slots, starts, places
         b = table[second_slots[pair]]
         if a < 0 or b < 0:
             continue
-        end, _ = neighbour_pairs(
-            lists.used,
-            lists.partner_bits,
-            lists.pair_keys,
-            a,
-            b,
-            end,
-            places,
-            weights,
-            words,
-        )
+        end, _ = neighbour_pairs(lists.used, lists.pairs, a, b, end, known_pairs)
     starts[len(first_slots)] = end
 
 
 @compiled
-def _different_results(pair_starts, pair_counts, result_of, places, is_listed):  # type: ignore[no-untyped-def]
+def _different_results(pairs, places, is_listed):  # type: ignore[no-untyped-def]
     """Return the results of known pairs, each once.
 
     Args:
-        pair_starts: ``lists.pair_starts``.
-        pair_counts: ``lists.pair_counts``.
-        result_of: ``lists.result``.
+        pairs: ``lists.pairs``.
         places: places of the pairs in the hash table.
         is_listed: work space, shape (T,): False before and after.
     """
@@ -342,10 +327,10 @@ def _different_results(pair_starts, pair_counts, result_of, places, is_listed): 
     results = np.empty(len(is_listed), dtype=np.int32)
     count = 0
     for number in range(len(places)):
-        start = pair_starts[places[number]]
-        end = start + min(pair_counts[places[number]], MOST_RESULTS)
+        start = pairs.starts[places[number]]
+        end = start + min(pairs.counts[places[number]], MOST_RESULTS)
         for recipe in range(start, end):
-            result = result_of[recipe]
+            result = pairs.results[recipe]
             if not is_listed[result]:
                 is_listed[result] = True
                 results[count] = result
@@ -412,28 +397,28 @@ def _expect_result(coordinates, weights, a, b, pair, expected):  # type: ignore[
 
 
 @in_place
-def _write_pair_features(lists, goal, table, pairs, slots, neighbours, results, pair_values, out):  # type: ignore[no-untyped-def]
+def _write_pair_features(lists, goal, table, slot_pairs, slots, neighbours, results, values, out):  # type: ignore[no-untyped-def]
     """Write the features of a table's pairs and a goal.
 
     Args:
         lists: the lists.
         goal: entity id.
         table: shape (A,); negative for empty slots.
-        pairs: first and second slot of each pair, shape (P,) each.
+        slot_pairs: first and second slot of each pair, shape (P,) each.
         slots: features of the slots' links to the goal, shape (A, 15), and logarithms of their
             recipes that make it, shape (A,).
-        neighbours: known pairs of neighbours, from :func:`_all_neighbour_pairs`.
+        neighbours: where the known pairs of neighbours of each pair begin, and these, from
+            :func:`_all_neighbour_pairs`.
         results: k² of each result of these and the goal, and the same by words, shape (T,).
-        pair_values: features of the pairs alone: places in the hash table and both regressions,
+        values: features of the pairs alone: places in the hash table and both regressions,
             shape (P,); expected words of results, shape (P, r); word cosines and similarities of
             slots, shape (A, A).
         out: shape (P, F).
     """
-    first_slots, second_slots = pairs
+    first_slots, second_slots = slot_pairs
     links, counts = slots
-    starts, places, weights, words = neighbours
-    own_places, regression, word_regression, expected, cosines, kernels = pair_values
-    results_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
+    starts, known_pairs = neighbours
+    own_places, regression, word_regression, expected, cosines, kernels = values
     goal_made = log1p(lists.num_makers[goal])
     goal_uses = log1p(lists.num_uses[goal])
     for pair in range(len(first_slots)):
@@ -443,10 +428,10 @@ def _write_pair_features(lists, goal, table, pairs, slots, neighbours, results, 
             continue
         features = out[pair]
         _write_slot_features(links, counts, i, j, features)
-        known_pairs = (places, weights, words, starts[pair], starts[pair + 1])
-        _write_neighbour_features(features, *results_of_pairs, *known_pairs, *results)
+        ends = (starts[pair], starts[pair + 1])
+        _write_neighbour_features(features, lists.pairs, known_pairs, *ends, *results)
         place = own_places[pair]
-        is_made = place >= 0 and makes(*results_of_pairs, place, goal)
+        is_made = place >= 0 and makes(lists.pairs, place, goal)
         features[_KNOWN] = 1 if place >= 0 else 0
         features[_MAKES] = 1 if is_made else 0
         features[_PAIR_WORDS] = cosines[i, j]
@@ -492,16 +477,7 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
     expected = np.empty((len(one), lists.result_weights.shape[1]), dtype=np.float32)
     kernel = lists.by_kernel
     word = lists.by_words
-    # Room for more pairs than there are costs nothing: memory that nobody writes to is not taken.
-    max_pairs = len(one) * lists.used.ids.shape[1] ** 2
-    known_pairs = (
-        np.empty(max_pairs, dtype=np.int64),
-        np.empty(max_pairs, dtype=np.float32),
-        np.empty(max_pairs, dtype=np.float32),
-    )
-    hashed = (lists.partner_bits, lists.pair_keys)
-    makers = (lists.result_bits, lists.parts)
-    results_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
+    known_pairs = room_for_pairs(lists, len(one))
     end = np.int64(0)
     while end < len(goals):
         begin = end
@@ -513,15 +489,15 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
         for slot in range(slots):
             if table[slot] >= 0:
                 alike_of(lists, table[slot], table, structure, kernels[slot], cosines[slot])
-        _all_neighbour_pairs(lists, table, one, other, starts, *known_pairs)
-        results = _different_results(*results_of_pairs, known_pairs[0][: starts[-1]], is_listed)
+        _all_neighbour_pairs(lists, table, one, other, starts, known_pairs)
+        results = _different_results(lists.pairs, known_pairs[0][: starts[-1]], is_listed)
         result_kernels = np.empty(len(results), dtype=np.float32)
         result_cosines = np.empty(len(results), dtype=np.float32)
         for pair in range(len(one)):
             a = table[one[pair]]
             b = table[other[pair]]
             if a >= 0 and b >= 0:
-                own_places[pair] = pair_place(*hashed, a, b)
+                own_places[pair] = pair_place(lists.pairs, a, b)
                 regression[pair] = product(kernel.pair_left, kernel.right, a, b)
                 word_regression[pair] = product(word.pair_left, word.right, a, b)
                 _expect_result(word.right, lists.result_weights, a, b, pair, expected)
@@ -535,14 +511,15 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
             for slot in range(slots):
                 counts[slot] = 0
                 if table[slot] >= 0:
-                    counts[slot] = log1p(num_links(*makers, table[slot], goal))
+                    number = num_links(lists.result_bits, lists.parts, table[slot], goal)
+                    counts[slot] = log1p(number)
             _write_pair_features(
                 lists,
                 goal,
                 table,
                 (one, other),
                 (links[row], counts),
-                (starts, *known_pairs),
+                (starts, known_pairs),
                 (alike, words),
                 (own_places, regression, word_regression, expected, cosines, kernels),
                 out[row],

@@ -80,22 +80,21 @@ def _may_hold(bits, entity, partner):  # type: ignore[no-untyped-def]
 
 
 @in_place
-def pair_place(partner_bits, pair_keys, a, b):  # type: ignore[no-untyped-def]
+def pair_place(pairs, a, b):  # type: ignore[no-untyped-def]
     """Return the place of a pair in the hash table, -1 if no recipe uses it.
 
     Args:
-        partner_bits: ``lists.partner_bits``.
-        pair_keys: ``lists.pair_keys``.
+        pairs: ``lists.pairs``.
         a: entity id.
         b: entity id; the order does not count.
     """
-    if not _may_hold(partner_bits, a, b):
+    if not _may_hold(pairs.bits, a, b):
         return np.int64(-1)
     low = min(a, b)
     high = max(a, b)
-    size = len(partner_bits)
-    place = _place(pair_keys, np.int64(low) * size + high)
-    return place if pair_keys[place] != -1 else -1
+    size = len(pairs.bits)
+    place = _place(pairs.keys, np.int64(low) * size + high)
+    return place if pairs.keys[place] != -1 else -1
 
 
 @in_place
@@ -137,17 +136,15 @@ def _first_place(ids, low, high, target):  # type: ignore[no-untyped-def]
 
 
 @in_place
-def makes(pair_starts, pair_counts, result, place, goal):  # type: ignore[no-untyped-def]
+def makes(pairs, place, goal):  # type: ignore[no-untyped-def]
     """Return whether a pair makes the goal, by its results, which are ascending.
 
     Args:
-        pair_starts: ``lists.pair_starts``.
-        pair_counts: ``lists.pair_counts``.
-        result: ``lists.result``.
+        pairs: ``lists.pairs``.
         place: place of the pair in the hash table, from :func:`pair_place`, 0 or more.
         goal: entity id.
     """
-    low = np.int64(pair_starts[place])
-    end = low + pair_counts[place]
-    first = _first_place(result, low, end, goal)
-    return first < end and result[first] == goal
+    low = np.int64(pairs.starts[place])
+    end = low + pairs.counts[place]
+    first = _first_place(pairs.results, low, end, goal)
+    return first < end and pairs.results[first] == goal

@@ -202,7 +202,6 @@ def combines_features(lists, keys, tables, out):  # type: ignore[no-untyped-def]
     half = lists.half
     nodes = lists.nodes
     used = lists.used
-    hashed = (lists.partner_bits, lists.pair_keys)
     kernels = np.empty(tables.shape[1], dtype=np.float32)
     cosines = np.empty(tables.shape[1], dtype=np.float32)
     structure = np.zeros(len(lists.norms), dtype=np.float32)
@@ -230,10 +229,10 @@ def combines_features(lists, keys, tables, out):  # type: ignore[no-untyped-def]
             near = np.float32(0)
             for number in range(used.ids.shape[1]):
                 near_key = used.ids[key, number]
-                if near_key >= 0 and pair_place(*hashed, near_key, entity) >= 0:
+                if near_key >= 0 and pair_place(lists.pairs, near_key, entity) >= 0:
                     near += used.alike[key, number]
                 near_entity = used.ids[entity, number]
-                if near_entity >= 0 and pair_place(*hashed, near_entity, key) >= 0:
+                if near_entity >= 0 and pair_place(lists.pairs, near_entity, key) >= 0:
                     near += used.alike[entity, number]
             uses = log1p(lists.num_uses[key])
             other_uses = log1p(lists.num_uses[entity])

@@ -88,6 +88,25 @@ class Neighbours(NamedTuple):
     words: Floats
 
 
+class Pairs(NamedTuple):
+    """Hash table of ingredient pairs.
+
+    Attributes:
+        bits: shape (T, bits / 8), signatures of an ingredient's partners: they tell most unknown
+            pairs without a look-up.
+        keys: the pairs; -1 for empty places.
+        starts: first recipe of each pair; its recipes' numbers are consecutive.
+        counts: number of recipes of each pair.
+        results: shape (n,), result of each recipe.
+    """
+
+    bits: Bits
+    keys: Ids
+    starts: Numbers
+    counts: Numbers
+    results: Numbers
+
+
 class Lists(NamedTuple):
     """Arrays for the features of T entities and n recipes; -1 is the end of a list.
 
@@ -106,10 +125,8 @@ class Lists(NamedTuple):
         support: shape (T, R), recipe numbers.
         support_alike: shape (T, R), similarities of the recipes' results to the goal.
         first, second, result: shape (n,), recipes in ascending order.
-        pair_keys, pair_starts, pair_counts: hash table of ingredient pairs: their recipes' numbers
-            are consecutive.
-        partner_bits, result_bits: shape (T, bits / 8), signatures of an ingredient's partners and
-            results: they tell most unknown pairs and links without a look-up.
+        pairs: hash table of ingredient pairs.
+        result_bits: shape (T, bits / 8), signatures of an ingredient's results.
         parts: ingredients of each result, with numbers of recipes as values.
         num_uses, num_makers: shape (T,), recipes that use, and that make, an entity.
         by_kernel: links by regression with the similarity k, as products, see
@@ -134,10 +151,7 @@ class Lists(NamedTuple):
     first: Numbers
     second: Numbers
     result: Numbers
-    pair_keys: Ids
-    pair_starts: Numbers
-    pair_counts: Numbers
-    partner_bits: Bits
+    pairs: Pairs
     result_bits: Bits
     parts: Rows
     num_uses: Numbers
@@ -238,8 +252,8 @@ def make_lists(
         _by_result(ordered),
         max_support,
     )
-    pairs = first.astype(np.int64) * size + second
-    pair_keys, pair_starts, pair_counts = hash_loops.pair_table(pairs, _table_size(len(pairs)))
+    keys = first.astype(np.int64) * size + second
+    pair_table = hash_loops.pair_table(keys, _table_size(len(keys)))
     links = ordered[rows_of_links, 2] * size + ingredients
     by_result, part_counts = np.unique(links, return_counts=True)
     results, parts = np.divmod(by_result, size)
@@ -264,10 +278,7 @@ def make_lists(
         first=first,
         second=second,
         result=result,
-        pair_keys=pair_keys,
-        pair_starts=pair_starts,
-        pair_counts=pair_counts,
-        partner_bits=partner_bits,
+        pairs=Pairs(partner_bits, *pair_table, result),
         result_bits=result_bits,
         parts=Rows(part_starts, parts.astype(np.int32), part_counts.astype(np.int32)),
         num_uses=num_uses,

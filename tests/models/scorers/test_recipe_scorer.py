@@ -126,7 +126,7 @@ def test_a_large_book_proposes_results_of_neighbours(scorer, cross_fitted, monke
     monkeypatch.setattr(recipes, "ALL_RESULTS", 5)
     assert scorer.proposes_results
     size = len(scorer.entities)
-    ids, scores = scorer.best_results(a, b)
+    ids, scores = scorer.candidate_results(a, b)
     everything = scorer.score_recipes(a[:, None], b[:, None], torch.arange(size))
     for row in range(2):
         proposed = ids[row][ids[row] < size]

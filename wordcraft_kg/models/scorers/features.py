@@ -181,7 +181,8 @@ def make_features(
     elif parsed.is_path and os.path.isfile(spec):
         features = _from_file(Path(spec), labels, pooling)
     elif parsed.is_path and os.path.isdir(spec):
-        folder = _checked_folder(Path(spec))
+        folder = Path(spec)
+        _check_folder(folder)
         features = _from_file(folder / ENCODED, labels, None, folder.resolve().name)
     else:
         names = (*VECTORS, *(SHUFFLED + name for name in VECTORS))
@@ -398,14 +399,13 @@ def _glove_rows(words: tuple[str, ...]) -> NDArray[np.int64]:
 # --- from a file ----------------------------------------------------------------------------------
 
 
-def _checked_folder(folder: Path) -> Path:
-    """Return a folder from ``encode`` after a check of all its files by SHA-256."""
+def _check_folder(folder: Path) -> None:
+    """Check all files of a folder from ``encode`` by SHA-256."""
     from wordcraft_kg.runs.record import RunFiles, read_finished_run
 
     files = RunFiles(folder, read_finished_run(folder, "a file or folder with vectors", ENCODED))
     for name in files.run.outputs:
         files.bytes(name)
-    return folder
 
 
 def _from_file(

@@ -273,7 +273,8 @@ class EntityRoles:
                 roles = _factor_roles(left_factors.cpu().numpy(), right.cpu().numpy())
             else:
                 check_table("comparing entities by scores", size)
-                roles = _table_roles(scorer.table(relation).cpu().numpy())
+                table = centred(scorer.table(relation).cpu().numpy())
+                roles = table, np.ascontiguousarray(table.T)
             side_units = []
             for rows in roles:
                 norms = np.linalg.norm(rows, axis=1)
@@ -345,12 +346,6 @@ def centred(scores: NDArray[Any]) -> NDArray[Any]:
     """Subtract row means and column means from a score table, shape (E, E)."""
     by_row = scores - scores.mean(axis=1, keepdims=True)
     return np.asarray(by_row - by_row.mean(axis=0))
-
-
-def _table_roles(scores: _Rows) -> tuple[_Rows, _Rows]:
-    """Return vectors of heads and of tails, (E, E) each: rows and columns of the centred table."""
-    table = centred(scores)
-    return table, np.ascontiguousarray(table.T)
 
 
 def _factor_roles(left: _Rows, right: _Rows) -> tuple[_Rows, _Rows]:

@@ -192,13 +192,13 @@ class RecipeScorer(StoredScorer, RecipeScores):
         """
         return self.knowledge.has_result_ranker or len(self.entities) > ALL_RESULTS
 
-    def best_results(
+    def candidate_results(
         self,
         ingredients: Tensor,
         others: Tensor,
         number: int = CANDIDATES,
     ) -> tuple[Tensor, Tensor]:
-        """Return proposed results of pairs, best first; only if :attr:`proposes_results`.
+        """Return results that pairs may make: the proposed ones, best first, or all entities by id.
 
         Args:
             ingredients: ids, shape (n,).
@@ -210,13 +210,8 @@ class RecipeScorer(StoredScorer, RecipeScores):
             nats, -inf likewise. With an encoder they compare results of one pair, and have another
             scale than :meth:`score_recipes`, which compares pairs for a goal.
         """
-        return results_of(self.knowledge, ingredients, others, number=number)
-
-    def candidate_results(  # noqa: D102 - inherited
-        self, ingredients: Tensor, others: Tensor
-    ) -> tuple[Tensor, Tensor]:
         if self.proposes_results:
-            return self.best_results(ingredients, others)
+            return results_of(self.knowledge, ingredients, others, number=number)
         size = len(self.entities)
         every = torch.arange(size, device=self.device).expand(len(ingredients), size)
         return every, self.score_recipes(ingredients[:, None], others[:, None], every)

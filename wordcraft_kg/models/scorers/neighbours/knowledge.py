@@ -136,7 +136,7 @@ class RecipeKnowledge(StoredKnowledge):
             combines = self._from_table(COMBINES_WITH, model, a, b)
         else:
             link_rows = torch.from_numpy(links).to(goal.device)
-            component = self._link_scores(COMPONENT_OF, link_rows, model)
+            component = self.ranker(f"{RELATIONS[COMPONENT_OF]}_").of_models(link_rows, model)
         result = torch.from_numpy(features).to(goal.device)
         with_link_scores(result, component, combines, (first, second))
         if not self.has_encoder:
@@ -188,11 +188,8 @@ class RecipeKnowledge(StoredKnowledge):
             (self.ids(key), self.ids(table)),
             lambda lists, *keys: links_by_key(lists, relation, *keys).numpy(),
         )
-        return self._link_scores(relation, torch.from_numpy(links).to(key.device), model)
-
-    def _link_scores(self, relation: int, links: Tensor, model: Tensor) -> Tensor:
-        """Return the link rankers' scores, (B, A), of links' features, (B, A, F)."""
-        return self.ranker(f"{RELATIONS[relation]}_").of_models(links, model)
+        features = torch.from_numpy(links).to(key.device)
+        return self.ranker(f"{RELATIONS[relation]}_").of_models(features, model)
 
     def _by_model(
         self,

@@ -253,7 +253,9 @@ def make_lists(
         max_support,
     )
     keys = first.astype(np.int64) * size + second
-    pair_table = hash_loops.pair_table(keys, _table_size(len(keys)))
+    # A power of 2 places, of which a quarter is filled at most.
+    table_size = 1 << max(4, (4 * len(keys)).bit_length())
+    pair_table = hash_loops.pair_table(keys, table_size)
     links = ordered[rows_of_links, 2] * size + ingredients
     by_result, part_counts = np.unique(links, return_counts=True)
     results, parts = np.divmod(by_result, size)
@@ -410,8 +412,3 @@ def _signature_bytes(size: int) -> int:
     bits_of_ids = (size - 1).bit_length()
     bits = 1 << max(3, bits_of_ids)
     return min(bits, SIGNATURE) // 8
-
-
-def _table_size(entries: int) -> int:
-    """Return the number of places in a hash table: a power of 2, at most a quarter is filled."""
-    return 1 << max(4, int(4 * entries).bit_length())

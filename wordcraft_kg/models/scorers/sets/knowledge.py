@@ -20,6 +20,7 @@ from wordcraft_kg.models.scorers.sets.loops import (
 )
 
 NO_INGREDIENT = -1
+_BEHIND = np.iinfo(np.int64).max
 MOST_KINDS = 8_192
 """Most different ingredients of a model, whose pairs are a table."""
 _LOST_FROM = 0.05
@@ -209,12 +210,10 @@ class SetKnowledge:
             number_of: numbers of all entities, shape (E,), if others stand for some.
         """
         number_of = self.number_of if number_of is None else number_of
-        numbers = np.where(entities >= 0, number_of[entities], NO_INGREDIENT)
         # Behind all others: the largest number.
-        numbers[entities < 0] = np.iinfo(np.int64).max
+        numbers = np.where(entities >= 0, number_of[entities], _BEHIND)
         numbers.sort(axis=1)
-        numbers[numbers == np.iinfo(np.int64).max] = NO_INGREDIENT
-        return numbers
+        return np.where(numbers == _BEHIND, NO_INGREDIENT, numbers)
 
     def inputs(self, amounts: Vector, words: Vector) -> torch.Tensor:
         """Return what the network sees of goals, shape (n, 2 P + D)."""

@@ -457,7 +457,13 @@ def _parse(path: Path, vocabulary: Set[str]) -> _WordVectors:
         word, values = _divided(line, dimensions, path, number)
         # As documented, the first of several vectors counts.
         if word in vocabulary and word not in rows:
-            rows[word] = number, _numbers(values, f"{path}, line {number}", word)
+            wrong = next((value for value in values if not _is_number(value)), None)
+            if wrong is not None:
+                raise ConfigError(
+                    f"{path}, line {number}: '{wrong.decode(errors='replace')}' in the vector for "
+                    f"'{word}' is not a number. Correct the line, or download the file again."
+                )
+            rows[word] = number, [float(value) for value in values]
     if not dimensions:
         raise ConfigError(f"{path} is empty; expected a word and a vector per line.")
     if announced not in (None, count):
@@ -488,16 +494,6 @@ def _divided(line: bytes, dimensions: int, path: Path, number: int) -> tuple[str
             f"{dimensions} as at the file's start. Correct the line, or download the file again."
         )
     return _decoded(text, path, number), values
-
-
-def _numbers(values: Sequence[bytes], where: str, word: str) -> list[float]:
-    wrong = next((value for value in values if not _is_number(value)), None)
-    if wrong is not None:
-        raise ConfigError(
-            f"{where}: '{wrong.decode(errors='replace')}' in the vector for '{word}' is not a "
-            "number. Correct the line, or download the file again."
-        )
-    return [float(value) for value in values]
 
 
 def _read_array(path: Path, vocabulary: Set[str]) -> _WordVectors:

@@ -44,7 +44,6 @@ class RecipeScorer(StoredScorer, RecipeScores):
 
     kind: ClassVar[str] = "recipes"
     shared: ClassVar[tuple[str, ...]] = ("num_own", "vectors", "near_words")
-    knowledge: RecipeKnowledge
 
     def __init__(
         self,
@@ -67,8 +66,8 @@ class RecipeScorer(StoredScorer, RecipeScores):
                 range.
         """
         super().__init__(entities, graph_hash, **kwargs)
-        knowledge = RecipeKnowledge(tensors, len(self.entities))
-        self.knowledge = knowledge.to(self.device).requires_grad_(False)
+        self.knowledge = RecipeKnowledge(tensors, len(self.entities)).to(self.device)
+        self.knowledge.requires_grad_(False)
         self._tables: dict[int, Tensor] = {}
         # Recipes of other books, whose entities have further ids, are no recipes of the graph.
         has_others = len(tensors["vectors"]) > len(self.entities)

@@ -234,8 +234,7 @@ class RecipeKnowledge(StoredKnowledge):
         return features
 
     def _link_table(self, relation: int) -> Tensor:
-        table: Tensor = getattr(self, f"{RELATIONS[relation]}_table")
-        return table
+        return self.get_buffer(f"{RELATIONS[relation]}_table")
 
     def _from_table(self, relation: int, model: Tensor, heads: Tensor, tails: Tensor) -> Tensor:
         """Return link scores of heads and tails, ids that broadcast to (B, N), as float32."""
@@ -270,7 +269,6 @@ class RecipeKnowledge(StoredKnowledge):
         Returns:
             shape (B, N), or (B, E), float32.
         """
-        size = self.num_entities
         table = self._link_table(relation)
         if table.numel():
             # Row = head: with candidates as heads, the entities are columns.
@@ -279,7 +277,7 @@ class RecipeKnowledge(StoredKnowledge):
             rows = entities if candidates is None else entities[:, None]
             return by_entity[rows, columns].float()
         ranker = self.ranker(f"{RELATIONS[relation]}_").model(model)
-        width = size if candidates is None else candidates.shape[1]
+        width = self.num_entities if candidates is None else candidates.shape[1]
         scores = torch.zeros(len(entities), width)
         step = max(1, CELLS // max(width, 1))
         # Few and small products: further threads would mostly wait.

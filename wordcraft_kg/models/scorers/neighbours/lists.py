@@ -252,10 +252,10 @@ def make_lists(
         _by_result(ordered),
         max_support,
     )
-    keys = first.astype(np.int64) * size + second
+    pair_keys = first.astype(np.int64) * size + second
     # A power of 2 places, of which a quarter is filled at most.
-    table_size = 1 << max(4, (4 * len(keys)).bit_length())
-    pair_table = hash_loops.pair_table(keys, table_size)
+    table_size = 1 << max(4, (4 * len(pair_keys)).bit_length())
+    keys, first_recipes, counts = hash_loops.pair_table(pair_keys, table_size)
     links = ordered[rows_of_links, 2] * size + ingredients
     by_result, part_counts = np.unique(links, return_counts=True)
     results, parts = np.divmod(by_result, size)
@@ -280,7 +280,7 @@ def make_lists(
         first=first,
         second=second,
         result=result,
-        pairs=Pairs(partner_bits, *pair_table, result),
+        pairs=Pairs(partner_bits, keys, first_recipes, counts, result),
         result_bits=result_bits,
         parts=Rows(part_starts, parts.astype(np.int32), part_counts.astype(np.int32)),
         num_uses=num_uses,

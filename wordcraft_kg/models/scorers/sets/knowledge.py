@@ -160,7 +160,13 @@ class SetKnowledge:
         shares_again = np.where(self.is_key, self.shared - 1, kept_spares)
         self._log_again = np.log(np.clip(shares_again, _RARELY_AGAIN, 1)).astype(np.float32)
         self.style_parts = ~self.is_key if style_parts is None else style_parts
-        self.styles = self.style(has_part)
+        # The kind of an ingredient: lost and shared parts, a single part, several key parts.
+        kinds = [
+            has_part[:, self.style_parts],
+            has_part.sum(1, keepdims=True) == 1,
+            has_part[:, self.is_key].sum(1, keepdims=True) > 1,
+        ]
+        self.styles = np.concatenate(kinds, axis=1).astype(np.float32)
         self.counts: Vector = np.asarray(is_in.sum(0)).ravel()
         together = (is_in.T @ is_in).toarray()
         np.fill_diagonal(together, 0)
@@ -180,22 +186,6 @@ class SetKnowledge:
             sets=np.ascontiguousarray(sets),
             has_part=has_part,
         )
-
-    def style(self, has_part: Flags) -> Vector:
-        """Return the kind of ingredients: lost and shared parts, a single part, several keys.
-
-        Args:
-            has_part: shape (n, P).
-
-        Returns:
-            shape (n, K).
-        """
-        kinds = [
-            has_part[:, self.style_parts],
-            has_part.sum(1, keepdims=True) == 1,
-            has_part[:, self.is_key].sum(1, keepdims=True) > 1,
-        ]
-        return np.concatenate(kinds, axis=1).astype(np.float32)
 
     @property
     def num_features(self) -> int:

@@ -244,13 +244,12 @@ def make_lists(
         widths=(min(used, size), min(made, size)),
     )
     starts = np.concatenate([[0], np.cumsum(num_makers)]).astype(np.int64)
-    max_support = min(support, max(len(ordered), 1))
     supporting, support_alike = list_loops.supporting(
         made_lists.ids,
         made_lists.alike,
         starts,
         _by_result(ordered),
-        max_support,
+        min(support, max(len(ordered), 1)),
     )
     pair_keys = first.astype(np.int64) * size + second
     # A power of 2 places, of which a quarter is filled at most.

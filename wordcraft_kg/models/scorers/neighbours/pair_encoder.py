@@ -150,9 +150,7 @@ class PairEncoder(NamedTuple):
         """
         size = len(self.bias)
         # Tables of a batch, and goals of a search, share pairs: each is encoded once.
-        low = torch.minimum(a, b)
-        high = torch.maximum(a, b)
-        codes = low * size + high
+        codes = torch.minimum(a, b) * size + torch.maximum(a, b)
         # Distinct pairs, and which of them stands in each place, shape (B, P).
         pairs, place = codes.unique(return_inverse=True)
         units = self.hidden_units(pairs // size, pairs % size)

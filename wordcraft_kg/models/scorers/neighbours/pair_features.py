@@ -94,10 +94,15 @@ def pair_features(
     """
     first_slots, second_slots = slot_pairs
     features = np.zeros((len(goals), len(first_slots), len(FEATURES)), dtype=np.float32)
-    # Arrays without gaps, for which the loop is compiled.
-    table = np.ascontiguousarray(tables)
     table_features(
-        lists, np.ascontiguousarray(goals), table, first_slots, second_slots, links, features
+        lists,
+        # Arrays without gaps, for which the loop is compiled.
+        np.ascontiguousarray(goals),
+        np.ascontiguousarray(tables),
+        first_slots,
+        second_slots,
+        links,
+        features,
     )
     return features
 

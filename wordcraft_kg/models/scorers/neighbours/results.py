@@ -103,9 +103,7 @@ def results_of(
     ranker = knowledge.ranker("results_" if has_ranker else "").model(model)
     # A recipe is a table of two slots, whose only pair is slot 0 with slot 1. In one order:
     # rounding would differ between a + b and b + a.
-    low = torch.minimum(a, b)
-    high = torch.maximum(a, b)
-    table = torch.stack([low, high], dim=1)
+    table = torch.stack([torch.minimum(a, b), torch.maximum(a, b)], dim=1)
     width = ids.shape[1]
     scores = torch.zeros(ids.shape, device=a.device)
     for start in range(0, len(a), _PAIRS):

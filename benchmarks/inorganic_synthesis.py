@@ -58,8 +58,8 @@ from wordcraft_kg.models.recipes.set_fitting import (
 )
 from wordcraft_kg.models.recipes.set_training import rows_of_sets
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.models.scorers.sets.formulas import parse_formula
 from wordcraft_kg.models.scorers.sets.knowledge import Flags, GoalEvidence, SetKnowledge, Vector
+from wordcraft_kg.models.scorers.sets.parts import parse_formula
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 
 BOOK = "inorganic-synthesis"

@@ -54,13 +54,13 @@ def main() -> None:
     every = np.array(sorted(results_of))
     rng = np.random.default_rng(options.seed)
     pairs = torch.from_numpy(every[np.sort(rng.permutation(len(every))[: options.pairs])])
-    scorer.best_results(*pairs[:1].T)  # makes lists, and compiles loops
+    scorer.candidate_results(*pairs[:1].T)  # makes lists, and compiles loops
     began = time.process_time()
-    proposed, _ = scorer.best_results(*pairs.T)
+    proposed, _ = scorer.candidate_results(*pairs.T)
     in_batch = time.process_time() - began
     began = time.process_time()
     for pair in pairs[:ALONE]:
-        scorer.best_results(*pair[:, None])
+        scorer.candidate_results(*pair[:, None])
     one_by_one = time.process_time() - began
     ranks = np.full(len(pairs), np.inf)
     for row, pair in enumerate(pairs.tolist()):

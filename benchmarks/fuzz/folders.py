@@ -248,7 +248,7 @@ def _ask_scorer(folder):
             supports = scorer.supporting_recipes(*labels)
             answers += [[*one.recipe, one.weight] for one in supports]
             if scorer.proposes_results:
-                answers += scorer.best_results(ids[:3], ids[:3])[0].tolist()
+                answers += scorer.candidate_results(ids[:3], ids[:3])[0].tolist()
     if isinstance(loaded, CrossFitted) and loaded.probabilities is not None:
         answers += loaded.probability([0, 1], 1, [2, 3]).tolist()
         if isinstance(loaded.whole, RecipeScorer):

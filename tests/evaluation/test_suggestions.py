@@ -99,11 +99,11 @@ def test_pairs_come_from_known_ones_by_a_similar_ingredient(finder):
     book = {tuple(row) for row in finder.book[:, :2].tolist()}
     first, second, _ = finder.learned
     for a, b in [*zip(first, second, strict=True), *zip(second, first, strict=True)]:
-        for place, neighbour in enumerate(finder.lists.used[a]):
+        for place, neighbour in enumerate(finder.lists.used.ids[a]):
             if neighbour >= 0:
                 pair = tuple(sorted((int(neighbour), int(b))))
                 if pair not in book:
-                    alike = float(finder.lists.used_alike[a, place])
+                    alike = float(finder.lists.used.alike[a, place])
                     totals[pair] = totals.get(pair, 0) + alike
     expected = sorted((value for value in totals.values() if value > 0), reverse=True)
     found = [totals[tuple(pair)] for pair in finder.pairs_like_known().tolist()]

@@ -25,7 +25,8 @@ from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import OpenedGraph, TaskPart
-from wordcraft_kg.models.model_folder import read_train_sample
+from wordcraft_kg.models.model_folder import open_model
+from wordcraft_kg.models.scorers.scorer_folder import WEIGHTS
 from wordcraft_kg.runs.record import RUN_FILE
 
 EXPLAINERS = 8
@@ -119,10 +120,11 @@ class FollowedRun:
 
         def read() -> NDArray[np.bool_] | None:
             try:
-                train_sample = read_train_sample(folder, self.opened, inputs["scorer"])
+                model = open_model(folder, self.opened.source)
+                train_sample = model.train_sample
             except WordCraftKGError:
                 return None  # the scorer's folder has moved or changed since
-            if train_sample is None:
+            if model.run.outputs[WEIGHTS] != inputs["scorer"]:
                 return None
             return train_sample.is_trained_on & ~train_sample.is_wrong
 

@@ -146,8 +146,8 @@ class RecipeFinder:
         partners = (first + second - item)[is_own]
         parts = [self._replaced(partners, np.full_like(partners, item))]
         likeness = np.zeros(len(self.lists.norms))
-        near = self.lists.used[item]
-        likeness[near[near >= 0]] = self.lists.used_alike[item][near >= 0]
+        near = self.lists.used.ids[item]
+        likeness[near[near >= 0]] = self.lists.used.alike[item][near >= 0]
         likeness[item] = 0
         for ingredient, partner in ((first, second), (second, first)):
             is_near = (likeness[ingredient] > 0) & (partner < self.size)
@@ -178,12 +178,12 @@ class RecipeFinder:
 
     def _replaced(self, replaced: Ids, partners: Ids) -> tuple[Ids, Floats]:
         """Return keys and likeness of pairs with neighbours in place of an ingredient."""
-        neighbours = self.lists.used[replaced].astype(np.int64)
+        neighbours = self.lists.used.ids[replaced].astype(np.int64)
         partner_rows = np.broadcast_to(partners[:, None], neighbours.shape)
         # Entities of other books come last, and are none of this one.
         is_own = (neighbours >= 0) & (np.maximum(neighbours, partner_rows) < self.size)
         keys = self._pair_keys(neighbours[is_own], partner_rows[is_own])
-        return keys, self.lists.used_alike[replaced][is_own].astype(np.float64)
+        return keys, self.lists.used.alike[replaced][is_own].astype(np.float64)
 
     def _likeliest(self, parts: Sequence[tuple[Ids, Floats]]) -> Ids:
         """Return unknown pairs by their summed weights, best first, from parts of keys, weights."""

@@ -717,7 +717,7 @@ class RecipeScoring(Scoring):
         if not (is_pair and isinstance(scorer, RecipeScorer) and scorer.proposes_results):
             return super().candidates(query, top)
         a, b = (scorer.entity_ids([label]) for label in query.labels)
-        ids, scores = scorer.best_results(a, b, max(top, CANDIDATES))
+        ids, scores = scorer.candidate_results(a, b, max(top, CANDIDATES))
         results = ids[0].cpu()
         # The id E stands for missing results.
         is_answer = results < len(self.entities)

@@ -19,7 +19,7 @@ from wordcraft_kg.base import (
     write_atomically,
 )
 from wordcraft_kg.base.registry import Registry
-from wordcraft_kg.graphs import Folds, GraphLike, OpenedGraph, TrainedOn, TrainSample, is_subsample
+from wordcraft_kg.graphs import Folds, GraphLike, OpenedGraph, TrainedOn
 from wordcraft_kg.models.links.link_config import LinksConfig
 from wordcraft_kg.models.links.link_records import links_history
 from wordcraft_kg.models.model import History, Model
@@ -68,37 +68,6 @@ def open_model(folder: str | Path, graph: GraphLike | None = None) -> Model:
     if folds is not None and history.is_trained:
         folds.check_split(graph_and_split.split)
     return Model(scorer, graph_and_split, files.run, history)
-
-
-def read_train_sample(folder: str | Path, opened: OpenedGraph, weights: str) -> TrainSample | None:
-    """Return a model's training recipes, :attr:`Model.train_sample`, from few of its files.
-
-    The weights are read only if the model has a training fraction or label noise, or was saved by
-    ``save_scorer``.
-
-    Args:
-        folder: the model folder.
-        opened: the training graph.
-        weights: expected hash of the weights, such as the hash that an agent's run recorded.
-
-    Returns:
-        the training recipes; None if the folder has other weights than expected.
-
-    Raises:
-        ArtefactError: if the folder is unfinished or damaged, or the graph is missing.
-        GraphMismatchError: if the model was trained on another graph or split, or the recipes have
-            another hash than recorded.
-    """
-    history = read_history(folder, weights)
-    if history is None:
-        return None
-    settings = history.config.values()
-    train_fraction = settings.get("train_fraction", 1.0)
-    label_noise = settings.get("label_noise", 0.0)
-    # Then the recipes depend on the folds in the folder, not on the split alone.
-    if not history.is_trained or is_subsample(train_fraction, label_noise):
-        return open_model(folder, opened.source).train_sample
-    return opened.train_sample(settings.get("kg", "none"))
 
 
 def read_history(folder: str | Path, weights: str) -> History | None:

@@ -33,9 +33,8 @@ from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScore
 from wordcraft_kg.models.recipes.recipe_training import train_recipes
 from wordcraft_kg.models.recipes.set_training import rows_of_sets, with_new_entities
 from wordcraft_kg.models.scorers.sets import knowledge as set_knowledge, loops
-from wordcraft_kg.models.scorers.sets.formulas import parse_formula
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge
-from wordcraft_kg.models.scorers.sets.parts import read_parts
+from wordcraft_kg.models.scorers.sets.parts import parse_formula, read_parts
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 
 ROOT = Path(__file__).parents[3]

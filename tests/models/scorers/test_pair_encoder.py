@@ -14,7 +14,6 @@ from wordcraft_kg.models.scorers.neighbours import results
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import make_lists, nearest_words
 from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES, OF_ENCODER
-from wordcraft_kg.models.scorers.neighbours.storage import RESULT_RANKER
 from wordcraft_kg.models.scorers.ranker import Ranker
 
 TINY = EncoderSchedule(used=5, hidden=7, made=4, batch=8, sampled=6, epochs=2)
@@ -169,8 +168,8 @@ def test_knowledge_appends_the_encoders_features(knowledge, encoder, empty):
 def slow_proposals(lists, encoder, a, b, number):
     """Results of the pairs of neighbours by weight, and the encoder's best ones."""
     weights = {}
-    for x, of_a in zip(lists.used[a], lists.used_alike[a], strict=True):
-        for y, of_b in zip(lists.used[b], lists.used_alike[b], strict=True):
+    for x, of_a in zip(lists.used.ids[a], lists.used.alike[a], strict=True):
+        for y, of_b in zip(lists.used.ids[b], lists.used.alike[b], strict=True):
             if x < 0 or y < 0 or of_a * of_b < 2e-3:
                 continue
             low, high = min(x, y), max(x, y)
@@ -201,7 +200,7 @@ def test_results_are_scored_by_their_own_ranker_best_first(knowledge):
     a, b = torch.tensor([0, 6]), torch.tensor([2, 3])
     ids, scores = results.results_of(knowledge, a, b, number=3)
     assert torch.equal(ids, results.results_of(knowledge, b, a, number=3)[0])
-    ranker = Ranker(*(getattr(knowledge, name)[0] for name in RESULT_RANKER))
+    ranker = knowledge.ranker("results_").model(0)
     one = (torch.tensor([0]), torch.tensor([1]))
     for row in range(2):
         found = ids[row][ids[row] < SIZE]

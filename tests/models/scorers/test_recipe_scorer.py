@@ -106,6 +106,11 @@ def test_queries_of_both_relations_have_the_scores_of_each(scorer, has_table, mo
     torch.testing.assert_close(tails, torch.cat(expected), rtol=1e-4, atol=1e-4)
     heads = scorer.score(everything[None], relations, some)
     torch.testing.assert_close(heads, torch.cat(reversed_), rtol=2e-3, atol=1e-3)
+    # A table of a single link: its row and its column are both a head and a tail.
+    single = scorer.score(some[:1], COMPONENT_OF, some[2:3])
+    torch.testing.assert_close(
+        single, scorer.table(COMPONENT_OF)[3, 7].view(1, 1), rtol=1e-4, atol=1e-4
+    )
 
 
 def test_a_sample_of_a_fold_stands_for_all_its_recipes(cross_fitted, opened_kitchen, monkeypatch):
@@ -126,7 +131,7 @@ def test_a_large_book_proposes_results_of_neighbours(scorer, cross_fitted, monke
     monkeypatch.setattr(recipes, "ALL_RESULTS", 5)
     assert scorer.proposes_results
     size = len(scorer.entities)
-    ids, scores = scorer.best_results(a, b)
+    ids, scores = scorer.candidate_results(a, b)
     everything = scorer.score_recipes(a[:, None], b[:, None], torch.arange(size))
     for row in range(2):
         proposed = ids[row][ids[row] < size]

@@ -8,7 +8,7 @@ import torch
 
 from wordcraft_kg.base import KnowledgeFileError, UnknownEntityError, read_large_file
 from wordcraft_kg.graphs import RecipeGraph, padded
-from wordcraft_kg.models.scorers.set_table import SetTableScorer
+from wordcraft_kg.models.scorers.factors import SetTableScorer
 
 _PLACES = 8
 """Most ingredients of a set."""

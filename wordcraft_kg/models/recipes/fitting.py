@@ -19,7 +19,6 @@ import math
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
@@ -389,7 +388,7 @@ def with_known(ranker: Ranker, of_known: Tensor, makes: int, least: Tensor) -> R
     # The same lift for all units that raise the score.
     lift = (least - lowest).clamp(min=0) / positive.sum()
     first[makes] = lift * (positive > 0)
-    return replace(ranker, first=first)
+    return ranker._replace(first=first)
 
 
 def _add_link_scores(lesson: _Lesson, link_rankers: Mapping[int, Ranker]) -> None:

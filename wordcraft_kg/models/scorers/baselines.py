@@ -56,16 +56,6 @@ class SymbolicScorer(Scorer):
         is_known = self._keys[places] == keys
         return is_known.float()
 
-    def table(self, relation: int | str) -> torch.Tensor:  # noqa: D102 - inherited
-        # Keys count through the relations' tables, one after the other.
-        size = len(self.entities)
-        first = self.relation_ids(relation) * size**2
-        cells = self._keys - first
-        is_own = (cells >= 0) & (cells < size**2)
-        table = torch.zeros(size, size, device=self.device)
-        table.view(-1)[cells[is_own]] = 1
-        return table
-
 
 class FrequencyScorer(Scorer):
     """Scores a triple by how often head and tail occur in known triples with the relation.

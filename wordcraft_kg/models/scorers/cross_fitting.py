@@ -14,7 +14,7 @@ et al. 2018.
 """
 
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cache, partial
 from typing import Literal, overload
 
 import msgspec
@@ -179,8 +179,7 @@ class CrossFitted(Scorer):
         self.train_results = (
             None if train_results is None else frozen(np.asarray(train_results, dtype=np.int64))
         )
-        self._makers = tuple(folds)
-        self._made: dict[int, Scorer] = {}
+        self._makers = [cache(make) for make in folds]
         # Runtime protocols look for attributes, so this scorer has the main scorer's further
         # methods as its own exactly if the main scorer has them.
         if isinstance(whole, FactoredScorer):
@@ -253,8 +252,11 @@ class CrossFitted(Scorer):
             UnknownEntityError: for a label or id that the scorer does not know.
         """
         probabilities = self.probabilities
-        temperature = probabilities.temperature if probabilities else None
-        if temperature is None or not isinstance(self.whole, RecipeScores):
+        if (
+            probabilities is None
+            or probabilities.temperature is None
+            or not isinstance(self.whole, RecipeScores)
+        ):
             raise ConfigError(
                 f"{self.name} cannot predict results. Use a wordcraft-kg train-recipes model with "
                 "folds."
@@ -262,13 +264,13 @@ class CrossFitted(Scorer):
         pairs = self.entity_ids(ingredients), self.entity_ids(others)
         a, b = torch.broadcast_tensors(*pairs)
         ids, scores = self.whole.candidate_results(a.reshape(-1), b.reshape(-1))
-        candidate_probabilities = torch.softmax(scores / temperature, dim=-1)
+        candidate_probabilities = torch.softmax(scores / probabilities.temperature, dim=-1)
         size = len(self.entities)
         # The id E, of missing candidates, has a column of its own, which is dropped.
         every = torch.zeros(len(ids), size + 1, device=ids.device)
         every.scatter_(1, ids, candidate_probabilities)
         # Of held-out pairs, this share has its result among the candidates.
-        covered = probabilities.covered if probabilities else msgspec.UNSET
+        covered = probabilities.covered
         share = 1.0 if covered is msgspec.UNSET else covered
         return (share * every[:, :size]).view(*a.shape, size)
 
@@ -278,9 +280,7 @@ class CrossFitted(Scorer):
         Raises:
             IndexError: for a number above those of the folds.
         """
-        if fold not in self._made:
-            self._made[fold] = self._makers[fold]()
-        return self._made[fold]
+        return self._makers[fold]()
 
     def train_sample(self, graph: RecipeGraph) -> TrainSample:
         """Return the training recipes of :attr:`whole`.

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from scipy import sparse
 from torch import Tensor
 
 from wordcraft_kg.graphs.arrays import Ids, distinct
@@ -32,8 +33,6 @@ def profiles(recipes: Ids, num_entities: int) -> Any:
     Returns:
         a sparse matrix of shape (E, M), float64; zeros for entities without recipes.
     """
-    from scipy import sparse
-
     a, b, result = recipes.T
     # Each recipe is read twice, once from each ingredient.
     entities = np.concatenate([a, b])
@@ -108,8 +107,6 @@ def completion_parts(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
     Returns:
         which entity a node is, shape (nodes, E), and R, shape (nodes, nodes).
     """
-    from scipy import sparse
-
     a, b, result = recipes.T
     results = np.concatenate([result, result])
     ingredients = np.concatenate([a, b])

@@ -143,7 +143,9 @@ class LinkEvidence:
             entity, end = (head, tail) if side == "head" else (tail, head)
             neighbours = self.ends(end, relation, side)
             neighbours = neighbours[neighbours != entity]
-            triples.append(_links(neighbours, relation, end, side))
+            links = np.full((len(neighbours), 3), (head, relation, tail))
+            links[:, 0 if side == "head" else 2] = neighbours
+            triples.append(links)
             cosines = self.roles.alike(entity, relation, side)[neighbours]
             # Rounding can lift the cosine of equal vectors above 1.
             positive = cosines.astype(np.float64).clip(0, 1)
@@ -226,22 +228,6 @@ class LinkEvidence:
         return recipes_of_ids(self.entities, listed), len(rows) - len(listed)
 
 
-def _links(side_ids: Ids, relation: int, end: int, side: Side) -> Ids:
-    """Return the links between one entity and others, shape (n, 3).
-
-    Args:
-        side_ids: ids of the entities on ``side``, shape (n,).
-        relation: relation id.
-        end: id of the entity on the opposite side.
-        side: side of these entities.
-    """
-    ends = np.full(len(side_ids), end)
-    relations = np.full(len(side_ids), relation)
-    if side == "head":
-        return np.column_stack([side_ids, relations, ends])
-    return np.column_stack([ends, relations, side_ids])
-
-
 # --- similar entities -----------------------------------------------------------------------------
 
 
@@ -287,7 +273,8 @@ class EntityRoles:
                 roles = _factor_roles(left_factors.cpu().numpy(), right.cpu().numpy())
             else:
                 check_table("comparing entities by scores", size)
-                roles = _table_roles(scorer.table(relation).cpu().numpy())
+                table = centred(scorer.table(relation).cpu().numpy())
+                roles = table, np.ascontiguousarray(table.T)
             side_units = []
             for rows in roles:
                 norms = np.linalg.norm(rows, axis=1)
@@ -359,12 +346,6 @@ def centred(scores: NDArray[Any]) -> NDArray[Any]:
     """Subtract row means and column means from a score table, shape (E, E)."""
     by_row = scores - scores.mean(axis=1, keepdims=True)
     return np.asarray(by_row - by_row.mean(axis=0))
-
-
-def _table_roles(scores: _Rows) -> tuple[_Rows, _Rows]:
-    """Return vectors of heads and of tails, (E, E) each: rows and columns of the centred table."""
-    table = centred(scores)
-    return table, np.ascontiguousarray(table.T)
 
 
 def _factor_roles(left: _Rows, right: _Rows) -> tuple[_Rows, _Rows]:

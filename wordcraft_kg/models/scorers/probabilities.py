@@ -317,22 +317,18 @@ class Probabilities(Record, frozen=True, kw_only=True):
             # Self pairs do not count in ranks: most scorers set them apart from all other pairs.
             is_new = ~is_in(cells, train, size) & (cells[:, 0] != cells[:, 2])
             scores, log_odds = _score_map(_scores(whole, cells[is_new]))
-            # There are only E self pairs, too few for a slope in each segment.
-            # By pairs of different entities and self pairs.
-            num_slopes = (len(SEGMENTS) + 1, 1)
-            kind_curves = [
-                fit_curve(
-                    positives[:, relation, kind], unlabelled[:, relation, kind], share, number
-                )
-                for kind, number in enumerate(num_slopes)
-            ]
             curves.append(
                 RelationCurves(
                     known_share=share,
                     scores=scores,
                     rank_log_odds=log_odds,
-                    distinct=kind_curves[0],
-                    itself=kind_curves[1],
+                    distinct=fit_curve(
+                        positives[:, relation, 0], unlabelled[:, relation, 0], share
+                    ),
+                    # There are only E self pairs, too few for a slope in each segment.
+                    itself=fit_curve(
+                        positives[:, relation, 1], unlabelled[:, relation, 1], share, 1
+                    ),
                 )
             )
         histograms = [part.recipes for part in held_out if part.recipes is not None]
@@ -541,24 +537,17 @@ def _candidates(
     size = len(scorer.entities)
     recipes = folds.recipes_of(fold)
     # A pair with several results is asked once, and has several right answers.
-    pairs, pair_of_recipe = np.unique(recipes[:, :2], axis=0, return_inverse=True)
+    pairs = np.unique(recipes[:, :2], axis=0)
     # Where a pair has a score for each entity, there are fewer pairs in larger graphs.
     number = _PROPOSED_PAIRS if scorer.proposes_results else max(_PAIRS // size, 1)
     rng = np.random.default_rng([seed, fold])
-    sample = rng.permutation(len(pairs))[:number]
-    # Rows of the chosen pairs alone: those of all pairs would take a gigabyte in a large book.
-    row_of_pair = np.full(len(pairs), -1)
-    row_of_pair[sample] = np.arange(len(sample))
-    rows = row_of_pair[pair_of_recipe]
-    is_chosen = rows >= 0
-    # A number for each row and result, also for the id E of missing candidates.
-    stride = size + 1
-    right_codes = rows[is_chosen] * stride + recipes[is_chosen, 2]
-    a, b = torch.from_numpy(pairs[sample].copy()).T
+    a, b = pairs[rng.permutation(len(pairs))[:number]].T
     with torch.no_grad():
-        ids, scores = scorer.candidate_results(a, b)
-    codes = np.arange(len(sample))[:, None] * stride + ids.cpu().numpy()
-    return scores.cpu().numpy().astype(np.float64), np.isin(codes, right_codes)
+        ids, scores = scorer.candidate_results(torch.from_numpy(a), torch.from_numpy(b))
+    # A key for each recipe, also for the id E of missing candidates.
+    keys = recipe_keys(a[:, None], b[:, None], ids.cpu().numpy(), num_entities=size + 1)
+    right_keys = recipe_keys(*recipes.T, num_entities=size + 1)
+    return scores.cpu().numpy().astype(np.float64), np.isin(keys, right_keys)
 
 
 # --- curves ---------------------------------------------------------------------------------------
@@ -638,7 +627,11 @@ def fit_curve(
     is_rest = unlabelled.sum(axis=0, keepdims=True)
     num_positives = float(labelled.sum())
     total = num_positives + float(is_rest.sum())
-    base = _base(labelled, is_rest, share)
+    # The base rate with half a triple added: nothing is impossible. With the unknown triples among
+    # the true ones it is larger than the share of labelled triples, up to a half.
+    labelled_rate = (num_positives + 0.5) / (total + 1)
+    rate = min(labelled_rate / share, 0.5)
+    base = math.log(rate / (1 - rate))
     # The main model has seen the folds' triples, so only the share 1 - c of the true triples is
     # left.
     shift = math.log1p(-share)
@@ -665,16 +658,6 @@ def fit_curve(
         )
         return msgspec.structs.replace(curve, reason=reason)
     return msgspec.structs.replace(curve, intercept=intercept + shift, slopes=tuple(slopes))
-
-
-def _base(positives: _Floats, unlabelled: _Floats, share: float) -> float:
-    """Return the log-odds of the base rate, with half a triple added: nothing is impossible."""
-    number = positives.sum()
-    labelled = (number + 0.5) / (number + unlabelled.sum() + 1)
-    # The share of labelled triples; with the unknown ones among the true it is larger, up to a
-    # half.
-    rate = min(labelled / share, 0.5)
-    return math.log(rate / (1 - rate))
 
 
 def fit_recipe_curve(histograms: Sequence[_Floats], folds: Folds) -> RecipeCurve:

@@ -1,16 +1,12 @@
 """The ranker: a network with one hidden layer that makes a score of features."""
 
-from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-RANKER = ("first", "first_bias", "second", "bias")
-"""Names of a ranker's weights, in files and modules."""
 
-
-@dataclass(frozen=True, eq=False)
-class Ranker:
+class Ranker(NamedTuple):
     """A network with H hidden units, ``second · relu(x first + first_bias) + bias``.
 
     A single network, or M networks along a first axis.
@@ -46,7 +42,7 @@ class Ranker:
 
     def model(self, number: int) -> "Ranker":
         """Return a single network of several."""
-        return Ranker(*(weights[number] for weights in self.weights().values()))
+        return Ranker(*(weights[number] for weights in self))
 
     def of_models(self, features: Tensor, model: Tensor) -> Tensor:
         """Return the scores of B rows by the network of each row.
@@ -69,6 +65,6 @@ class Ranker:
             scores[is_own] = self.model(number)(features[is_own])
         return scores
 
-    def weights(self) -> dict[str, Tensor]:
-        """Return the weights by their names in :data:`RANKER`."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+RANKER = Ranker._fields
+"""Names of a ranker's weights, in files and modules."""

@@ -9,6 +9,7 @@ from torch import Tensor
 from wordcraft_kg.graphs.triples import COMBINES_WITH
 from wordcraft_kg.models.scorers.factors import grids
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
+from wordcraft_kg.models.scorers.neighbours.pair_features import only_pair
 from wordcraft_kg.models.scorers.neighbours.results import CANDIDATES, results_of
 from wordcraft_kg.models.scorers.neighbours.storage import check_stored
 from wordcraft_kg.models.scorers.probabilities import kinds_of
@@ -43,7 +44,6 @@ class RecipeScorer(StoredScorer, RecipeScores):
 
     kind: ClassVar[str] = "recipes"
     shared: ClassVar[tuple[str, ...]] = ("num_own", "vectors", "near_words")
-    knowledge: RecipeKnowledge
 
     def __init__(
         self,
@@ -66,8 +66,8 @@ class RecipeScorer(StoredScorer, RecipeScores):
                 range.
         """
         super().__init__(entities, graph_hash, **kwargs)
-        knowledge = RecipeKnowledge(tensors, len(self.entities))
-        self.knowledge = knowledge.to(self.device).requires_grad_(False)
+        self.knowledge = RecipeKnowledge(tensors, len(self.entities)).to(self.device)
+        self.knowledge.requires_grad_(False)
         self._tables: dict[int, Tensor] = {}
         # Recipes of other books, whose entities have further ids, are no recipes of the graph.
         has_others = len(tensors["vectors"]) > len(self.entities)
@@ -101,45 +101,36 @@ class RecipeScorer(StoredScorer, RecipeScores):
         return left_factors.to(self.device), right.to(self.device)
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
-        # Grids of queries and candidates, as rankings ask for, are whole rows.
-        is_grid, is_turned = grids(heads, relations, tails)
-        if is_grid or is_turned:
-            key = heads[:, 0] if is_grid else tails[:, 0]
-            candidates = tails[0] if is_grid else heads[0]
-            key_relations = relations.flatten().expand(len(key))
-            scores = torch.zeros(len(key), len(candidates), device=self.device)
-            for relation in key_relations.unique().tolist():
-                is_own = key_relations == relation
-                relation_keys = key[is_own]
-                num_scores = len(relation_keys) * len(self.entities)
-                if self._has_table(relation, num_scores):
-                    table = self.table(relation)
-                    by_key = table.T if is_turned else table
-                    scores[is_own] = by_key[relation_keys][:, candidates]
-                    continue
-                # Rankings ask for all entities, whose links share work; samples for a few.
-                is_sample = len(candidates) < len(self.entities)
-                asked = candidates.expand(len(relation_keys), -1) if is_sample else None
-                link_scores = self.knowledge.link_scores(
-                    relation, relation_keys, asked, heads=is_turned
-                )
-                scores[is_own] = link_scores if is_sample else link_scores[:, candidates]
-            return scores
+        is_grid, has_heads = grids(heads, relations, tails)
         heads, relations, tails = torch.broadcast_tensors(heads, relations, tails)
-        scores = torch.zeros(heads.shape, device=self.device)
+        shape = heads.shape
+        size = len(self.entities)
+        width = size
+        if not (is_grid or has_heads):
+            # Single links, by result, whose links share work.
+            heads, relations, tails = (ids.reshape(-1, 1) for ids in (heads, relations, tails))
+            has_heads = True
+            width = 1
+        # Each key, an entity on one side of links, has candidates on the other side.
+        keys, candidates = (tails[:, 0], heads) if has_heads else (heads[:, 0], tails)
+        scores = torch.zeros(candidates.shape, device=self.device)
         for relation in relations.unique().tolist():
-            is_own = relations == relation
-            own_heads = heads[is_own]
-            own_tails = tails[is_own]
-            if self._has_table(relation, len(own_heads)):
-                scores[is_own] = self.table(relation)[own_heads, own_tails]
-            else:
-                # By result, whose links share work.
-                link_scores = self.knowledge.link_scores(
-                    relation, own_tails, own_heads[:, None], heads=True
+            is_own = relations[:, 0] == relation
+            own_keys = keys[is_own]
+            own_candidates = candidates[is_own]
+            if self._has_table(relation, width * len(own_keys)):
+                table = self.table(relation)
+                by_key = table.T if has_heads else table
+                scores[is_own] = by_key[own_keys[:, None], own_candidates]
+            elif candidates.shape[1] < size:
+                scores[is_own] = self.knowledge.link_scores(
+                    relation, own_keys, own_candidates, heads=has_heads
                 )
-                scores[is_own] = link_scores[:, 0]
-        return scores
+            else:
+                # Rankings ask for all entities, whose links share work.
+                rows = self.knowledge.link_scores(relation, own_keys, heads=has_heads)
+                scores[is_own] = rows.gather(1, own_candidates)
+        return scores.view(shape)
 
     def _has_table(self, relation: int, num_scores: int) -> bool:
         """Return whether a look-up in a table of all scores is faster than so many scores."""
@@ -182,16 +173,13 @@ class RecipeScorer(StoredScorer, RecipeScores):
             self.entity_ids(results),
         )
         a, b, result = (part.reshape(-1) for part in ids)
-        # In one order: rounding would differ between a + b and b + a.
-        low = torch.minimum(a, b)
-        high = torch.maximum(a, b)
-        # A recipe is scored as a table of two slots, whose only pair is slot 0 with slot 1.
-        tables = torch.stack([low, high], dim=1)
+        # A recipe is scored as a table of two slots. In one order: rounding would differ between
+        # a + b and b + a.
+        tables = torch.stack([torch.minimum(a, b), torch.maximum(a, b)], dim=1)
         scores = []
         for goal, table in zip(result.split(_ROWS), tables.split(_ROWS), strict=True):
-            main_model = torch.zeros_like(goal)
-            pair_scores = self.knowledge(goal, table, main_model)
-            scores.append(pair_scores[:, 0, 1])
+            pair_scores, _ = self.score_pairs(goal, table, only_pair(self.device))
+            scores.append(pair_scores[:, 0])
         return torch.cat(scores).view(ids[0].shape)
 
     @property
@@ -203,13 +191,13 @@ class RecipeScorer(StoredScorer, RecipeScores):
         """
         return self.knowledge.has_result_ranker or len(self.entities) > ALL_RESULTS
 
-    def best_results(
+    def candidate_results(
         self,
         ingredients: Tensor,
         others: Tensor,
         number: int = CANDIDATES,
     ) -> tuple[Tensor, Tensor]:
-        """Return proposed results of pairs, best first; only if :attr:`proposes_results`.
+        """Return results that pairs may make: the proposed ones, best first, or all entities by id.
 
         Args:
             ingredients: ids, shape (n,).
@@ -221,13 +209,8 @@ class RecipeScorer(StoredScorer, RecipeScores):
             nats, -inf likewise. With an encoder they compare results of one pair, and have another
             scale than :meth:`score_recipes`, which compares pairs for a goal.
         """
-        return results_of(self.knowledge, ingredients, others, number=number)
-
-    def candidate_results(  # noqa: D102 - inherited
-        self, ingredients: Tensor, others: Tensor
-    ) -> tuple[Tensor, Tensor]:
         if self.proposes_results:
-            return self.best_results(ingredients, others)
+            return results_of(self.knowledge, ingredients, others, number=number)
         size = len(self.entities)
         every = torch.arange(size, device=self.device).expand(len(ingredients), size)
         return every, self.score_recipes(ingredients[:, None], others[:, None], every)

@@ -44,7 +44,7 @@ def scaled_table(
         ConfigError: for an unknown scale or treatment of self edges, or if ``observed`` is missing.
     """
     one_of("scale", scale, get_args(Scale))
-    one_of("self_edges", self_edges, get_args(SelfEdges))
+    dropped = np.flatnonzero(_dropped(len(scorer.entities), relation, self_edges, observed))
     # In 64 bits, because the mean over millions of pairs would lose digits in 32.
     scores = scorer.table(relation).detach().cpu().numpy().astype(np.float64)
     if scale == "ranks":
@@ -57,8 +57,7 @@ def scaled_table(
         scores = scores - scores.max(axis=0)
         scores -= np.log(np.exp(scores).sum(axis=0))
     table = (scores if scale == "none" else standardised(scores)).astype(np.float32)
-    if self_edges != "keep":
-        dropped = _dropped_self_edges(len(table), relation, self_edges, observed)
+    if len(dropped):
         different = table[~np.eye(len(table), dtype=bool)]
         # Standardised scores have the mean 0 without rounding; a single entity has no other pair.
         has_mean = scale == "none" and len(table) > 1
@@ -128,8 +127,9 @@ def sampled_scaling(
         ConfigError: for a scale that needs a table, an unknown treatment of self edges, or if
             ``observed`` is missing.
     """
-    dropped = _dropped(scorer, relation, scale, self_edges, observed)
+    one_of("scale", scale, FACTORED_SCALES)
     size = len(scorer.entities)
+    dropped = torch.from_numpy(_dropped(size, relation, self_edges, observed))
     length = min(SIDE, size)
     side = torch.arange(length) * size // length
     # A column of heads and a row of tails: scorers have short cuts for such a grid.
@@ -229,31 +229,18 @@ def _rank_knots(
 
 
 def _dropped(
-    scorer: TripleScorer,
-    relation: int,
-    scale: Scale,
-    self_edges: SelfEdges,
-    observed: Ids | None,
-) -> Tensor:
-    """Check the settings of scores without a table; return which self pairs are dropped, (E,)."""
-    one_of("scale", scale, FACTORED_SCALES)
-    one_of("self_edges", self_edges, get_args(SelfEdges))
-    size = len(scorer.entities)
-    dropped = torch.zeros(size, dtype=torch.bool)
-    if self_edges != "keep":
-        rows = _dropped_self_edges(size, relation, self_edges, observed)
-        dropped[torch.from_numpy(rows)] = True
-    return dropped
-
-
-def _dropped_self_edges(
     size: int,
     relation: int,
     self_edges: SelfEdges,
     observed: Ids | None,
-) -> Ids:
-    """Return the entities whose scores with themselves are dropped, ascending."""
-    is_kept = np.zeros(size, dtype=bool)
+) -> NDArray[np.bool_]:
+    """Return which entities' scores with themselves are dropped, shape (E,).
+
+    Raises:
+        ConfigError: for an unknown treatment of self edges, or if ``observed`` is missing.
+    """
+    one_of("self_edges", self_edges, get_args(SelfEdges))
+    is_dropped = np.full(size, self_edges != "keep")
     if self_edges == "observed":
         if observed is None:
             raise ConfigError(
@@ -262,5 +249,5 @@ def _dropped_self_edges(
             )
         heads, relations, tails = observed.T
         loops = heads[(relations == relation) & (heads == tails)]
-        is_kept[loops] = True
-    return np.flatnonzero(~is_kept)
+        is_dropped[loops] = False
+    return is_dropped

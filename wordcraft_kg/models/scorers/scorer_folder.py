@@ -31,7 +31,7 @@ from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.base.tensors import MAX_WEIGHT, check_tensors, copied, largest, with_prefix
 from wordcraft_kg.graphs import RELATIONS, Folds, Ids, RecipeGraph, is_in
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, Fold, FoldsRecord, whole_of
-from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
+from wordcraft_kg.models.scorers.factors import ComplExScorer, SetTableScorer, TableScorer
 from wordcraft_kg.models.scorers.probabilities import HeldOut, Probabilities, score_fold
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.ranking import (
@@ -43,7 +43,6 @@ from wordcraft_kg.models.scorers.ranking import (
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.score_limits import TABLE_LIMIT, has_table, table_bytes
 from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer
-from wordcraft_kg.models.scorers.set_table import SetTableScorer
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 from wordcraft_kg.runs.record import RunFiles, read_finished_run
 

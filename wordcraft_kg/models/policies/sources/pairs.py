@@ -25,7 +25,7 @@ from wordcraft_kg.models.policies.sources.source import (
 )
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of, whole_of
-from wordcraft_kg.models.scorers.factors import TableScorer
+from wordcraft_kg.models.scorers.factors import SetTableScorer, TableScorer
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -35,7 +35,6 @@ from wordcraft_kg.models.scorers.scales import (
     scaled_table,
 )
 from wordcraft_kg.models.scorers.score_limits import SelfEdges
-from wordcraft_kg.models.scorers.set_table import SetTableScorer
 
 # Axis names and types of the buffers, for `check_tensors`; N is E + 1.
 _TABLE = {"scores": "N N float32"}

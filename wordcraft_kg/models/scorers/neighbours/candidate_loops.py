@@ -7,6 +7,7 @@ from wordcraft_kg.models.scorers.neighbours.feature_loops import (
     FLOOR,
     MOST_RESULTS,
     neighbour_pairs,
+    room_for_pairs,
 )
 from wordcraft_kg.models.scorers.neighbours.list_loops import insert
 
@@ -19,7 +20,7 @@ _LEADS = np.float32(1e4)
 
 
 @in_place
-def _add_results(lists, a, b, factor, weights, places, pair_weights, words):  # type: ignore[no-untyped-def]
+def _add_results(lists, a, b, factor, weights, known_pairs):  # type: ignore[no-untyped-def]
     """Add the results of a pair's neighbours to the weights of entities.
 
     Args:
@@ -28,20 +29,17 @@ def _add_results(lists, a, b, factor, weights, places, pair_weights, words):  # 
         b: entity id.
         factor: weight of the attempt: 1 for the first, less for further ones.
         weights: is added to, shape (T,).
-        places: work space for :func:`neighbour_pairs`.
-        pair_weights: work space likewise.
-        words: work space likewise.
+        known_pairs: work space for :func:`neighbour_pairs`.
     """
-    neighbours = (lists.used, lists.used_alike, lists.used_words)
-    hashed = (lists.partner_bits, lists.pair_keys)
-    count, itself = neighbour_pairs(*neighbours, *hashed, a, b, 0, places, pair_weights, words)
+    places, pair_weights, _ = known_pairs
+    count, itself = neighbour_pairs(lists.used, lists.pairs, a, b, 0, known_pairs)
     for number in range(count):
         weight = pair_weights[number]
         # The pair itself, at the first attempt: its results are certain, not only likely.
         if number == itself and factor == 1:
             weight = _FIRST
-        start = lists.pair_starts[places[number]]
-        results = min(lists.pair_counts[places[number]], MOST_RESULTS)
+        start = lists.pairs.starts[places[number]]
+        results = min(lists.pairs.counts[places[number]], MOST_RESULTS)
         for recipe in range(start, start + results):
             weights[lists.result[recipe]] += factor * weight
 
@@ -66,11 +64,11 @@ def _add_needs(lists, goal, factor, weights):  # type: ignore[no-untyped-def]
             # own; others are first in theirs.
             if lists.num_makers[ingredient] == 0:
                 weights[ingredient] += factor * lists.support_alike[goal, row]
-            for column in range(lists.made.shape[1]):
-                neighbour = lists.made[ingredient, column]
+            for column in range(lists.made.ids.shape[1]):
+                neighbour = lists.made.ids[ingredient, column]
                 if neighbour < 0:
                     break
-                weight = lists.support_alike[goal, row] * lists.made_alike[ingredient, column]
+                weight = lists.support_alike[goal, row] * lists.made.alike[ingredient, column]
                 weights[neighbour] += factor * weight
 
 
@@ -113,13 +111,13 @@ def _like_made(lists, entity, makes):  # type: ignore[no-untyped-def]
         makes: how strongly each entity is made, shape (T,); negative for those that do not count.
     """
     total = np.float32(0)
-    for column in range(lists.made.shape[1]):
-        neighbour = lists.made[entity, column]
+    for column in range(lists.made.ids.shape[1]):
+        neighbour = lists.made.ids[entity, column]
         if neighbour < 0:
             break
         # A known result is certain, but not a reason to expect another one.
         strength = min(makes[neighbour], np.float32(1))
-        total += lists.made_alike[entity, column] * max(strength, np.float32(0))
+        total += lists.made.alike[entity, column] * max(strength, np.float32(0))
     return total
 
 
@@ -161,10 +159,7 @@ def intermediates(lists, goals, tables, further, near, out):  # type: ignore[no-
     width = out.shape[1]
     # Work space for a pair, made once for the batch.
     best_values = np.empty(width, dtype=np.float32)
-    max_pairs = lists.used.shape[1] ** 2
-    places = np.empty(max_pairs, dtype=np.int64)
-    pair_weights = np.empty(max_pairs, dtype=np.float32)
-    words = np.empty(max_pairs, dtype=np.float32)
+    known_pairs = room_for_pairs(lists, 1)
     for row in range(len(goals)):
         goal = goals[row]
         table = tables[row]
@@ -173,32 +168,14 @@ def intermediates(lists, goals, tables, further, near, out):  # type: ignore[no-
         for i in range(len(table)):
             for j in range(i, len(table)):
                 if table[i] >= 0 and table[j] >= 0:
-                    _add_results(
-                        lists,
-                        table[i],
-                        table[j],
-                        np.float32(1),
-                        makes,
-                        places,
-                        pair_weights,
-                        words,
-                    )
+                    _add_results(lists, table[i], table[j], np.float32(1), makes, known_pairs)
         _add_needs(lists, goal, np.float32(1), needs)
         _add_leads(lists, goal, table, needs)
         for _ in range(further):
             for place in range(_best(makes, ids, values)):
                 for slot in range(len(table)):
                     if table[slot] >= 0:
-                        _add_results(
-                            lists,
-                            ids[place],
-                            table[slot],
-                            _LATER,
-                            makes,
-                            places,
-                            pair_weights,
-                            words,
-                        )
+                        _add_results(lists, ids[place], table[slot], _LATER, makes, known_pairs)
             for place in range(_best(needs, ids, values)):
                 _add_needs(lists, ids[place], _LATER, needs)
         for slot in range(len(table)):
@@ -236,25 +213,21 @@ def results_of_pairs(lists, first, second, out):  # type: ignore[no-untyped-def]
         out: shape (n, C).
     """
     width = out.shape[1]
-    neighbours = (lists.used, lists.used_alike, lists.used_words)
-    hashed = (lists.partner_bits, lists.pair_keys)
-    max_pairs = lists.used.shape[1] ** 2
     # Work space, made once for all pairs.
-    places = np.empty(max_pairs, dtype=np.int64)
-    weights = np.empty(max_pairs, dtype=np.float32)
-    words = np.empty(max_pairs, dtype=np.float32)
+    known_pairs = room_for_pairs(lists, 1)
+    places, weights, _ = known_pairs
     totals = np.zeros(len(lists.norms), dtype=np.float32)
-    result_ids = np.empty(max_pairs * MOST_RESULTS, dtype=np.int32)
+    result_ids = np.empty(len(places) * MOST_RESULTS, dtype=np.int32)
     values = np.empty(width, dtype=np.float32)
     for row in range(len(first)):
         num_neighbour_pairs, _ = neighbour_pairs(
-            *neighbours, *hashed, first[row], second[row], 0, places, weights, words
+            lists.used, lists.pairs, first[row], second[row], 0, known_pairs
         )
         count = 0
         for number in range(num_neighbour_pairs):
             place = places[number]
-            start = lists.pair_starts[place]
-            results = min(lists.pair_counts[place], MOST_RESULTS)
+            start = lists.pairs.starts[place]
+            results = min(lists.pairs.counts[place], MOST_RESULTS)
             for recipe in range(start, start + results):
                 entity = lists.result[recipe]
                 if totals[entity] == 0:

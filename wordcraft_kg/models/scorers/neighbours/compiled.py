@@ -8,18 +8,15 @@ each array's address and shape, and for 30 arrays that takes longer than the wor
 """
 
 import hashlib
-import logging
 import pickle
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
-_log = logging.getLogger(__name__)
 F = TypeVar("F", bound=Callable[..., Any])
 
 _SUMS_IN_ANY_ORDER = {"reassoc", "contract", "nsz", "arcp"}
@@ -77,54 +74,37 @@ def _compiled(function: F, options: dict[str, Any]) -> F:
 
 
 class _Files(IndexDataCacheFile):
-    """Files that end with the hash of their content, which is compared when they are read.
+    """Files that end with a hash of the function, its source and the content.
 
-    The content also says for which function, source and types of arguments it was compiled: an
-    index may lead to a file of earlier ones, as after a full disk.
+    It is compared when a file is read: an index may lead to a file of an earlier source, as after a
+    full disk.
     """
 
-    def save(self, key: Any, data: Any) -> None:
-        """Save the machine code for a key, which holds the types of arguments."""
-        super().save(key, (self._purpose(key), data))
-
-    def load(self, key: Any) -> Any:
-        """Return the machine code for a key; None if there is none yet.
-
-        Raises:
-            ValueError: if a file differs from its hash, or was compiled for something else.
-        """
-        entry = super().load(key)
-        if entry is None:
-            return None
-        purpose, data = entry
-        if purpose != self._purpose(key):
-            raise ValueError(f"{self._data_name_pattern} was compiled for something else")
-        return data
-
-    def _purpose(self, key: Any) -> tuple[Any, ...]:
-        return self._index_name, self._source_stamp, key
-
     def _dump(self, value: Any) -> bytes:
-        data: bytes = super()._dump(value)
+        content: bytes = super()._dump(value)
         # Behind the end of the pickle, where its reader stops.
-        return data + hashlib.sha256(data).digest()
+        return content + self._hash(content)
 
     def _load_index(self) -> Any:
         if Path(self._index_path).exists():
             # The index begins with the version of numba, which is no part of the hashed content.
-            _check(self._index_path, pickle.dumps(self._version, protocol=-1))
+            self._check(self._index_path, pickle.dumps(self._version, protocol=-1))
         return super()._load_index()
 
     def _load_data(self, name: str) -> Any:
-        _check(self._data_path(name))
+        self._check(self._data_path(name))
         return super()._load_data(name)
 
+    def _hash(self, content: bytes) -> bytes:
+        purpose = repr((self._index_name, self._source_stamp))
+        return hashlib.sha256(purpose.encode() + content).digest()
 
-def _check(path: str, start: bytes = b"") -> None:
-    content = Path(path).read_bytes().removeprefix(start)
-    length = hashlib.sha256().digest_size
-    if hashlib.sha256(content[:-length]).digest() != content[-length:]:
-        raise ValueError(f"{path} differs from its hash")
+    def _check(self, path: str, start: bytes = b"") -> None:
+        """Raise ValueError if a file differs from its hash."""
+        content = Path(path).read_bytes().removeprefix(start)
+        length = hashlib.sha256().digest_size
+        if self._hash(content[:-length]) != content[-length:]:
+            raise ValueError(f"{path} differs from its hash")
 
 
 class _Cache(FunctionCache):
@@ -132,7 +112,7 @@ class _Cache(FunctionCache):
 
     def __init__(self, function: Callable[..., Any]):
         super().__init__(function)
-        # Names of their own: other files of this function have no hash and no purpose.
+        # Names of their own: other files of this function have no hash.
         self._cache_file = _Files(
             cache_path=self._cache_path,
             filename_base=f"{self._impl.filename_base}.checked-{numba.__version__}",
@@ -143,9 +123,7 @@ class _Cache(FunctionCache):
         try:
             return super().load_overload(*arguments)
         # Reading a pickle may raise anything, as where it names a class that has another name now.
-        except Exception as error:
-            _say(self._cache_path)
-            _log.debug("%s", error)
+        except Exception:
             with suppress(OSError):
                 self.flush()
             return None
@@ -154,8 +132,3 @@ class _Cache(FunctionCache):
         # Without files, as where they are damaged and cannot be replaced, each process compiles.
         with suppress(OSError, ValueError):
             super().save_overload(*arguments)
-
-
-@cache
-def _say(folder: str) -> None:
-    _log.warning("damaged machine code in %s is compiled again, which takes some seconds", folder)

@@ -6,23 +6,13 @@ recipes" in docs/explanation/recipe-scorer.md.
 """
 
 from math import log, log1p, sqrt
-from typing import Any
 
 import numpy as np
 
 from wordcraft_kg.models.scorers.neighbours.compiled import compiled, in_place
 from wordcraft_kg.models.scorers.neighbours.hash_loops import makes, num_links, pair_place
 from wordcraft_kg.models.scorers.neighbours.regression import PRODUCT
-from wordcraft_kg.models.scorers.neighbours.similar import (
-    clear,
-    dot,
-    fourth,
-    product,
-    similarity,
-    spread,
-)
-
-Array = Any
+from wordcraft_kg.models.scorers.neighbours.similar import alike_of, fourth, product
 
 FLOOR = np.float32(1e-4)
 """Added to evidence before the logarithm."""
@@ -56,7 +46,9 @@ OF_SLOTS = 15
     _STEPS,
     _REGRESSION,
     _WORD_REGRESSION,
-) = range(NUM_LINKS)
+    _LINK_GOAL_USES,
+    _LINK_GOAL_MADE,
+) = range(NUM_LINKS + 2)
 # In the order of `pair_features.OF_PAIRS`, behind the sums and minima of slots.
 (
     _MAKES_ANYTHING,
@@ -77,45 +69,40 @@ OF_SLOTS = 15
 
 
 @in_place
-def neighbour_pairs(  # type: ignore[no-untyped-def]
-    used, used_alike, used_words, partner_bits, pair_keys, a, b, begin, places, weights, words
-):
+def neighbour_pairs(used, pairs, a, b, begin, known_pairs):  # type: ignore[no-untyped-def]
     """Find the known pairs of neighbours of a and of b, the most similar neighbours first.
 
     Args:
         used: ``lists.used``.
-        used_alike: ``lists.used_alike``.
-        used_words: ``lists.used_words``.
-        partner_bits: ``lists.partner_bits``.
-        pair_keys: ``lists.pair_keys``.
+        pairs: ``lists.pairs``.
         a: entity id.
         b: entity id.
-        begin: where to begin in the following arrays, which have room for all pairs of neighbours.
-        places: receives places in the hash table of pairs.
-        weights: receives k²(a, a') k²(b, b').
-        words: receives the same by words.
+        begin: where to begin in the following arrays.
+        known_pairs: receives places in the hash table of pairs, weights k²(a, a') k²(b, b'), and
+            the same by words; from :func:`room_for_pairs`.
 
     Returns:
         the end of the pairs, and the place of a + b itself, -1 if it is not known.
     """
+    places, weights, words = known_pairs
     count = begin
     # Not a plain -1, which has a type of its own.
     itself = np.int64(-1)
-    for row in range(used.shape[1]):
-        first_neighbour = used[a, row]
+    for row in range(used.ids.shape[1]):
+        first_neighbour = used.ids[a, row]
         # Neighbours come by descending similarity: with the nearest one of b too small, all are.
-        if first_neighbour < 0 or used_alike[a, row] * used_alike[b, 0] < LEAST:
+        if first_neighbour < 0 or used.alike[a, row] * used.alike[b, 0] < LEAST:
             break
-        for column in range(used.shape[1]):
-            second_neighbour = used[b, column]
-            weight = used_alike[a, row] * used_alike[b, column]
+        for column in range(used.ids.shape[1]):
+            second_neighbour = used.ids[b, column]
+            weight = used.alike[a, row] * used.alike[b, column]
             if second_neighbour < 0 or weight < LEAST:
                 break
             # By a or b itself, whose signature is in the fast cache.
             place = (
-                pair_place(partner_bits, pair_keys, first_neighbour, second_neighbour)
+                pair_place(pairs, first_neighbour, second_neighbour)
                 if row == 0
-                else pair_place(partner_bits, pair_keys, second_neighbour, first_neighbour)
+                else pair_place(pairs, second_neighbour, first_neighbour)
             )
             if place < 0:
                 continue
@@ -123,47 +110,20 @@ def neighbour_pairs(  # type: ignore[no-untyped-def]
                 itself = count
             places[count] = place
             weights[count] = weight
-            words[count] = used_words[a, row] * used_words[b, column]
+            words[count] = used.words[a, row] * used.words[b, column]
             count += 1
     return count, itself
 
 
-@in_place
-def alike_of(  # type: ignore[no-untyped-def]
-    vectors, norms, all_kernels, all_cosines, entity, others, structure, kernels, cosines
-):
-    """Write the similarities k and word cosines of an entity and others.
+@compiled
+def room_for_pairs(lists, number):  # type: ignore[no-untyped-def]
+    """Return work space for the known pairs of neighbours of a number of pairs.
 
-    Args:
-        vectors: ``lists.vectors``.
-        norms: ``lists.norms``.
-        all_kernels: ``lists.kernels``.
-        all_cosines: ``lists.cosines``.
-        entity: entity id.
-        others: entity ids, shape (n,); negative for none.
-        structure: the entity's profile cosines, from ``spread``.
-        kernels: receives the similarities, shape (n,); 0 for none.
-        cosines: receives the word cosines, likewise.
+    Room for more pairs than there are costs nothing: memory that nobody writes to is not taken.
     """
-    # The branch is outside of the loop: within, numba would count references for each entity.
-    if len(all_kernels) > 0:
-        for number in range(len(others)):
-            candidate = others[number]
-            kernels[number] = all_kernels[entity, candidate] if candidate >= 0 else 0
-            cosines[number] = all_cosines[entity, candidate] if candidate >= 0 else 0
-        return
-    for number in range(len(others)):
-        candidate = others[number]
-        kernel = np.float32(0)
-        cosine = np.float32(0)
-        if candidate == entity:
-            kernel = np.float32(1)
-            cosine = np.float32(1)
-        elif candidate >= 0:
-            cosine = dot(vectors, entity, candidate)
-            kernel = similarity(structure[candidate], cosine, norms[entity], norms[candidate])
-        kernels[number] = kernel
-        cosines[number] = cosine
+    size = number * lists.used.ids.shape[1] ** 2
+    weights = np.empty(size, dtype=np.float32)
+    return np.empty(size, dtype=np.int64), weights, np.empty_like(weights)
 
 
 @in_place
@@ -181,17 +141,17 @@ def links_to_results(lists, goal, entry_of, entries, counts):  # type: ignore[no
         counts: receives the number of recipes with the link, shape (L,).
     """
     end = np.int64(0)
-    places = lists.made.shape[1]
+    places = lists.made.ids.shape[1]
     # From the last neighbour to the first, so that an ingredient's list begins with the first.
     for column in range(places - 1, -1, -1):
-        result = lists.made[goal, column]
+        result = lists.made.ids[goal, column]
         if result < 0:
             continue
-        for place in range(lists.part_starts[result], lists.part_starts[result + 1]):
-            part = lists.parts[place]
+        for place in range(lists.parts.starts[result], lists.parts.starts[result + 1]):
+            part = lists.parts.columns[place]
             entries[end, 0] = column
             entries[end, 1] = entry_of[part]
-            counts[end] = lists.part_counts[place]
+            counts[end] = lists.parts.values[place]
             entry_of[part] = end
             end += 1
 
@@ -205,17 +165,17 @@ def forget_links(lists, goal, entry_of):  # type: ignore[no-untyped-def]
         goal: entity id.
         entry_of: shape (T,).
     """
-    for column in range(lists.made.shape[1]):
-        result = lists.made[goal, column]
+    for column in range(lists.made.ids.shape[1]):
+        result = lists.made.ids[goal, column]
         if result < 0:
             break
-        for place in range(lists.part_starts[result], lists.part_starts[result + 1]):
-            entry_of[lists.parts[place]] = -1
+        for place in range(lists.parts.starts[result], lists.parts.starts[result + 1]):
+            entry_of[lists.parts.columns[place]] = -1
 
 
 @in_place
 def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # type: ignore[no-untyped-def]
-    """Write ``words`` to ``regression`` of componentOf links: all but the goal's numbers.
+    """Write the features of componentOf links, in the order of ``links.OF_COMPONENTS``.
 
     Args:
         lists: the lists.
@@ -224,13 +184,12 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
         table: the ingredients, shape (A,); negative for empty slots.
         cosines: word cosines of slots and goal, shape (A,).
         kernels: their similarities k, shape (A,).
-        out: shape (A, 13) or wider.
+        out: shape (A, 15).
     """
     kernel = lists.by_kernel
     word = lists.by_words
     entry_of, entries, counts = to_results
-    hashed = (lists.partner_bits, lists.pair_keys)
-    links = (lists.result_bits, lists.part_starts, lists.parts, lists.part_counts)
+    links = (lists.result_bits, lists.parts)
     for slot in range(len(table)):
         entity = table[slot]
         if entity < 0:
@@ -238,36 +197,36 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
         soft = np.float32(0)
         soft_words = np.float32(0)
         with_goal = np.float32(0)
-        for row in range(lists.used.shape[1]):
-            neighbour = lists.used[entity, row]
+        for row in range(lists.used.ids.shape[1]):
+            neighbour = lists.used.ids[entity, row]
             if neighbour < 0:
                 break
-            neighbour_weight = lists.used_alike[entity, row]
-            if pair_place(*hashed, goal, neighbour) >= 0:
+            neighbour_weight = lists.used.alike[entity, row]
+            if pair_place(lists.pairs, goal, neighbour) >= 0:
                 with_goal += neighbour_weight
             entry = entry_of[neighbour]
             while entry >= 0:
                 column = entries[entry, 0]
-                weight = neighbour_weight * lists.made_alike[goal, column]
+                weight = neighbour_weight * lists.made.alike[goal, column]
                 # Neighbours come by descending similarity, so all that follow are below, too.
                 if weight < LEAST:
                     break
                 number = counts[entry]
-                word_weight = lists.used_words[entity, row] * lists.made_words[goal, column]
+                word_weight = lists.used.words[entity, row] * lists.made.words[goal, column]
                 soft += number * weight
                 soft_words += number * word_weight
                 entry = entries[entry, 1]
         reverse = np.float32(0)
-        for column in range(lists.made.shape[1]):
-            result = lists.made[entity, column]
+        for column in range(lists.made.ids.shape[1]):
+            result = lists.made.ids[entity, column]
             if result < 0:
                 break
-            reverse += lists.made_alike[entity, column] * num_links(*links, goal, result)
+            reverse += lists.made.alike[entity, column] * num_links(*links, goal, result)
         partners = 0
         steps = 0
-        for place in range(lists.part_starts[goal], lists.part_starts[goal + 1]):
-            part = lists.parts[place]
-            if pair_place(*hashed, entity, part) >= 0:
+        for place in range(lists.parts.starts[goal], lists.parts.starts[goal + 1]):
+            part = lists.parts.columns[place]
+            if pair_place(lists.pairs, entity, part) >= 0:
                 partners += 1
             if num_links(*links, entity, part) > 0:
                 steps += 1
@@ -279,22 +238,20 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
         out[slot, _LINK_WORDS] = log(FLOOR + soft_words)
         out[slot, _LINK_REVERSE] = log(FLOOR + reverse)
         out[slot, _LINK_WITH_GOAL] = log(FLOOR + with_goal)
-        out[slot, _COMBINES] = 1 if pair_place(*hashed, entity, goal) >= 0 else 0
+        out[slot, _COMBINES] = 1 if pair_place(lists.pairs, entity, goal) >= 0 else 0
         out[slot, _PARTNERS] = log1p(partners)
         out[slot, _STEPS] = log1p(steps)
         out[slot, _REGRESSION] = product(kernel.left, kernel.right, entity, goal)
         out[slot, _WORD_REGRESSION] = product(word.left, word.right, entity, goal)
+        out[slot, _LINK_GOAL_USES] = log1p(lists.num_uses[goal])
+        out[slot, _LINK_GOAL_MADE] = log1p(lists.num_makers[goal])
 
 
 @in_place
 def _write_neighbour_features(  # type: ignore[no-untyped-def]
     out,
-    pair_starts,
-    pair_counts,
-    result_of,
-    places,
-    weights,
-    words,
+    pairs,
+    known_pairs,
     first,
     last,
     result_weights,
@@ -304,17 +261,14 @@ def _write_neighbour_features(  # type: ignore[no-untyped-def]
 
     Args:
         out: shape (F,).
-        pair_starts: ``lists.pair_starts``.
-        pair_counts: ``lists.pair_counts``.
-        result_of: ``lists.result``.
-        places: of known pairs, from :func:`neighbour_pairs`, likewise the following two.
-        weights: likewise.
-        words: likewise.
+        pairs: ``lists.pairs``.
+        known_pairs: from :func:`neighbour_pairs`.
         first: number of the first known pair.
         last: end of the known pairs.
         result_weights: k² of each result and the goal, shape (T,).
         result_words: the same by words.
     """
+    places, weights, words = known_pairs
     anything = np.float32(0)
     alike = np.float32(0)
     anything_words = np.float32(0)
@@ -323,12 +277,12 @@ def _write_neighbour_features(  # type: ignore[no-untyped-def]
         place = places[number]
         weight = weights[number]
         weight_by_words = words[number]
-        start = pair_starts[place]
-        results = min(pair_counts[place], MOST_RESULTS)
+        start = pairs.starts[place]
+        results = min(pairs.counts[place], MOST_RESULTS)
         anything += results * weight
         anything_words += results * weight_by_words
         for recipe in range(start, start + results):
-            result = result_of[recipe]
+            result = pairs.results[recipe]
             alike += weight * result_weights[result]
             alike_words += weight_by_words * result_words[result]
     out[_MAKES_ANYTHING] = log(FLOOR + anything)
@@ -338,7 +292,7 @@ def _write_neighbour_features(  # type: ignore[no-untyped-def]
 
 
 @in_place
-def _all_neighbour_pairs(lists, table, first_slots, second_slots, starts, places, weights, words):  # type: ignore[no-untyped-def]
+def _all_neighbour_pairs(lists, table, first_slots, second_slots, starts, known_pairs):  # type: ignore[no-untyped-def]
     """Find the known pairs of neighbours of all pairs of slots.
 
     Args:
@@ -347,10 +301,7 @@ def _all_neighbour_pairs(lists, table, first_slots, second_slots, starts, places
         first_slots: first slot of each pair, shape (P,).
         second_slots: second slot of each pair, shape (P,).
         starts: receives where each pair's begin, and the end, shape (P + 1,).
-        places: as in :func:`neighbour_pairs`, likewise the following two: with room for all pairs
-            of neighbours of all pairs of slots.
-        weights: likewise.
-        words: likewise.
+        known_pairs: as in :func:`neighbour_pairs`.
     """
     end = np.int64(0)
     for pair in range(len(first_slots)):
@@ -359,43 +310,27 @@ def _all_neighbour_pairs(lists, table, first_slots, second_slots, starts, places
         b = table[second_slots[pair]]
         if a < 0 or b < 0:
             continue
-        end, _ = neighbour_pairs(
-            lists.used,
-            lists.used_alike,
-            lists.used_words,
-            lists.partner_bits,
-            lists.pair_keys,
-            a,
-            b,
-            end,
-            places,
-            weights,
-            words,
-        )
+        end, _ = neighbour_pairs(lists.used, lists.pairs, a, b, end, known_pairs)
     starts[len(first_slots)] = end
 
 
 @compiled
-def _different_results(pair_starts, pair_counts, result_of, places, is_listed):  # type: ignore[no-untyped-def]
+def _different_results(pairs, places, is_listed):  # type: ignore[no-untyped-def]
     """Return the results of known pairs, each once.
 
     Args:
-        pair_starts: ``lists.pair_starts``.
-        pair_counts: ``lists.pair_counts``.
-        result_of: ``lists.result``.
+        pairs: ``lists.pairs``.
         places: places of the pairs in the hash table.
         is_listed: work space, shape (T,): False before and after.
     """
-    total = 0
-    for number in range(len(places)):
-        total += min(pair_counts[places[number]], MOST_RESULTS)
-    results = np.empty(total, dtype=np.int32)
+    # Room for all entities: memory that nobody writes to is not taken.
+    results = np.empty(len(is_listed), dtype=np.int32)
     count = 0
     for number in range(len(places)):
-        start = pair_starts[places[number]]
-        end = start + min(pair_counts[places[number]], MOST_RESULTS)
+        start = pairs.starts[places[number]]
+        end = start + min(pairs.counts[places[number]], MOST_RESULTS)
         for recipe in range(start, end):
-            result = result_of[recipe]
+            result = pairs.results[recipe]
             if not is_listed[result]:
                 is_listed[result] = True
                 results[count] = result
@@ -462,28 +397,28 @@ def _expect_result(coordinates, weights, a, b, pair, expected):  # type: ignore[
 
 
 @in_place
-def _write_pair_features(lists, goal, table, pairs, slots, neighbours, results, pair_values, out):  # type: ignore[no-untyped-def]
+def _write_pair_features(lists, goal, table, slot_pairs, slots, neighbours, results, values, out):  # type: ignore[no-untyped-def]
     """Write the features of a table's pairs and a goal.
 
     Args:
         lists: the lists.
         goal: entity id.
         table: shape (A,); negative for empty slots.
-        pairs: first and second slot of each pair, shape (P,) each.
+        slot_pairs: first and second slot of each pair, shape (P,) each.
         slots: features of the slots' links to the goal, shape (A, 15), and logarithms of their
             recipes that make it, shape (A,).
-        neighbours: known pairs of neighbours, from :func:`_all_neighbour_pairs`.
+        neighbours: where the known pairs of neighbours of each pair begin, and these, from
+            :func:`_all_neighbour_pairs`.
         results: k² of each result of these and the goal, and the same by words, shape (T,).
-        pair_values: features of the pairs alone: places in the hash table and both regressions,
+        values: features of the pairs alone: places in the hash table and both regressions,
             shape (P,); expected words of results, shape (P, r); word cosines and similarities of
             slots, shape (A, A).
         out: shape (P, F).
     """
-    first_slots, second_slots = pairs
+    first_slots, second_slots = slot_pairs
     links, counts = slots
-    starts, places, weights, words = neighbours
-    own_places, regression, word_regression, expected, cosines, kernels = pair_values
-    results_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
+    starts, known_pairs = neighbours
+    own_places, regression, word_regression, expected, cosines, kernels = values
     goal_made = log1p(lists.num_makers[goal])
     goal_uses = log1p(lists.num_uses[goal])
     for pair in range(len(first_slots)):
@@ -493,10 +428,10 @@ def _write_pair_features(lists, goal, table, pairs, slots, neighbours, results, 
             continue
         features = out[pair]
         _write_slot_features(links, counts, i, j, features)
-        known_pairs = (places, weights, words, starts[pair], starts[pair + 1])
-        _write_neighbour_features(features, *results_of_pairs, *known_pairs, *results)
+        ends = (starts[pair], starts[pair + 1])
+        _write_neighbour_features(features, lists.pairs, known_pairs, *ends, *results)
         place = own_places[pair]
-        is_made = place >= 0 and makes(*results_of_pairs, place, goal)
+        is_made = place >= 0 and makes(lists.pairs, place, goal)
         features[_KNOWN] = 1 if place >= 0 else 0
         features[_MAKES] = 1 if is_made else 0
         features[_PAIR_WORDS] = cosines[i, j]
@@ -542,17 +477,7 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
     expected = np.empty((len(one), lists.result_weights.shape[1]), dtype=np.float32)
     kernel = lists.by_kernel
     word = lists.by_words
-    # Room for more pairs than there are costs nothing: memory that nobody writes to is not taken.
-    max_pairs = len(one) * lists.used.shape[1] ** 2
-    known_pairs = (
-        np.empty(max_pairs, dtype=np.int64),
-        np.empty(max_pairs, dtype=np.float32),
-        np.empty(max_pairs, dtype=np.float32),
-    )
-    similar = (lists.vectors, lists.norms, lists.kernels, lists.cosines)
-    hashed = (lists.partner_bits, lists.pair_keys)
-    makers = (lists.result_bits, lists.part_starts, lists.parts, lists.part_counts)
-    results_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
+    known_pairs = room_for_pairs(lists, len(one))
     end = np.int64(0)
     while end < len(goals):
         begin = end
@@ -563,26 +488,22 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
         table = tables[begin]
         for slot in range(slots):
             if table[slot] >= 0:
-                spread(lists, table[slot], structure)
-                alike_of(*similar, table[slot], table, structure, kernels[slot], cosines[slot])
-                clear(lists, table[slot], structure)
-        _all_neighbour_pairs(lists, table, one, other, starts, *known_pairs)
-        results = _different_results(*results_of_pairs, known_pairs[0][: starts[-1]], is_listed)
+                alike_of(lists, table[slot], table, structure, kernels[slot], cosines[slot])
+        _all_neighbour_pairs(lists, table, one, other, starts, known_pairs)
+        results = _different_results(lists.pairs, known_pairs[0][: starts[-1]], is_listed)
         result_kernels = np.empty(len(results), dtype=np.float32)
         result_cosines = np.empty(len(results), dtype=np.float32)
         for pair in range(len(one)):
             a = table[one[pair]]
             b = table[other[pair]]
             if a >= 0 and b >= 0:
-                own_places[pair] = pair_place(*hashed, a, b)
+                own_places[pair] = pair_place(lists.pairs, a, b)
                 regression[pair] = product(kernel.pair_left, kernel.right, a, b)
                 word_regression[pair] = product(word.pair_left, word.right, a, b)
                 _expect_result(word.right, lists.result_weights, a, b, pair, expected)
         for row in range(begin, end):
             goal = goals[row]
-            spread(lists, goal, structure)
-            alike_of(*similar, goal, results, structure, result_kernels, result_cosines)
-            clear(lists, goal, structure)
+            alike_of(lists, goal, results, structure, result_kernels, result_cosines)
             for number in range(len(results)):
                 result = results[number]
                 alike[result] = result_kernels[number] * result_kernels[number]
@@ -590,14 +511,15 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
             for slot in range(slots):
                 counts[slot] = 0
                 if table[slot] >= 0:
-                    counts[slot] = log1p(num_links(*makers, table[slot], goal))
+                    number = num_links(lists.result_bits, lists.parts, table[slot], goal)
+                    counts[slot] = log1p(number)
             _write_pair_features(
                 lists,
                 goal,
                 table,
                 (one, other),
                 (links[row], counts),
-                (starts, *known_pairs),
+                (starts, known_pairs),
                 (alike, words),
                 (own_places, regression, word_regression, expected, cosines, kernels),
                 out[row],
@@ -616,7 +538,6 @@ def support_terms(lists, a, b, goal, terms):  # type: ignore[no-untyped-def]
         terms: shape (R, 2): straight and crossed.
     """
     size = len(lists.norms)
-    similar = (lists.vectors, lists.norms, lists.kernels, lists.cosines)
     structure = np.zeros(size, dtype=np.float32)
     parts = np.empty((2, len(terms)), dtype=np.int32)
     # By entity of the pair, part of the recipe, and recipe.
@@ -628,10 +549,8 @@ def support_terms(lists, a, b, goal, terms):  # type: ignore[no-untyped-def]
         parts[1, row] = lists.second[recipe] if recipe >= 0 else -1
     for side in range(2):
         entity = b if side else a
-        spread(lists, entity, structure)
         for part in range(2):
-            alike_of(*similar, entity, parts[part], structure, kernels[side, part], cosines)
-        clear(lists, entity, structure)
+            alike_of(lists, entity, parts[part], structure, kernels[side, part], cosines)
     squares = kernels * kernels
     for row in range(len(terms)):
         terms[row, 0] = squares[0, 0, row] * squares[1, 1, row]

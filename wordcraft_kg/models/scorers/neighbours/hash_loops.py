@@ -1,12 +1,8 @@
 """Hash tables of pairs and links: does a pair have recipes, how many recipes make c with x?"""
 
-from typing import Any
-
 import numpy as np
 
 from wordcraft_kg.models.scorers.neighbours.compiled import compiled, in_place
-
-Array = Any
 
 
 @in_place
@@ -26,7 +22,7 @@ def _place(keys, key):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def pair_table(pairs: Array, size: int):  # type: ignore[no-untyped-def]
+def pair_table(pairs, size):  # type: ignore[no-untyped-def]
     """Return a hash table of ascending pair keys.
 
     Args:
@@ -50,7 +46,7 @@ def pair_table(pairs: Array, size: int):  # type: ignore[no-untyped-def]
 
 
 @in_place
-def signatures(one: Array, other: Array, out: Array) -> None:
+def signatures(one, other, out):  # type: ignore[no-untyped-def]
     """Set the bit of each pair of ids in the signature of its first id.
 
     Args:
@@ -84,42 +80,40 @@ def _may_hold(bits, entity, partner):  # type: ignore[no-untyped-def]
 
 
 @in_place
-def pair_place(partner_bits, pair_keys, a, b):  # type: ignore[no-untyped-def]
+def pair_place(pairs, a, b):  # type: ignore[no-untyped-def]
     """Return the place of a pair in the hash table, -1 if no recipe uses it.
 
     Args:
-        partner_bits: ``lists.partner_bits``.
-        pair_keys: ``lists.pair_keys``.
+        pairs: ``lists.pairs``.
         a: entity id.
         b: entity id; the order does not count.
     """
-    if not _may_hold(partner_bits, a, b):
+    if not _may_hold(pairs.bits, a, b):
         return np.int64(-1)
     low = min(a, b)
     high = max(a, b)
-    size = len(partner_bits)
-    place = _place(pair_keys, np.int64(low) * size + high)
-    return place if pair_keys[place] != -1 else -1
+    size = len(pairs.bits)
+    place = _place(pairs.keys, np.int64(low) * size + high)
+    return place if pairs.keys[place] != -1 else -1
 
 
 @in_place
-def num_links(result_bits, part_starts, parts, part_counts, ingredient, result):  # type: ignore[no-untyped-def]
+def num_links(result_bits, parts, ingredient, result):  # type: ignore[no-untyped-def]
     """Return the number of recipes that use an ingredient and make a result.
 
     Args:
         result_bits: ``lists.result_bits``.
-        part_starts: ``lists.part_starts``.
         parts: ``lists.parts``.
-        part_counts: ``lists.part_counts``.
         ingredient: entity id.
         result: entity id.
     """
     if not _may_hold(result_bits, ingredient, result):
         return np.int32(0)
-    low = part_starts[result]
-    end = part_starts[result + 1]
-    place = _first_place(parts, low, end, ingredient)
-    return part_counts[place] if place < end and parts[place] == ingredient else np.int32(0)
+    low = parts.starts[result]
+    end = parts.starts[result + 1]
+    place = _first_place(parts.columns, low, end, ingredient)
+    is_link = place < end and parts.columns[place] == ingredient
+    return parts.values[place] if is_link else np.int32(0)
 
 
 @in_place
@@ -142,17 +136,15 @@ def _first_place(ids, low, high, target):  # type: ignore[no-untyped-def]
 
 
 @in_place
-def makes(pair_starts, pair_counts, result, place, goal):  # type: ignore[no-untyped-def]
+def makes(pairs, place, goal):  # type: ignore[no-untyped-def]
     """Return whether a pair makes the goal, by its results, which are ascending.
 
     Args:
-        pair_starts: ``lists.pair_starts``.
-        pair_counts: ``lists.pair_counts``.
-        result: ``lists.result``.
+        pairs: ``lists.pairs``.
         place: place of the pair in the hash table, from :func:`pair_place`, 0 or more.
         goal: entity id.
     """
-    low = np.int64(pair_starts[place])
-    end = low + pair_counts[place]
-    first = _first_place(result, low, end, goal)
-    return first < end and result[first] == goal
+    low = np.int64(pairs.starts[place])
+    end = low + pairs.counts[place]
+    first = _first_place(pairs.results, low, end, goal)
+    return first < end and pairs.results[first] == goal

@@ -12,6 +12,8 @@ from torch import Tensor
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, Ids
 from wordcraft_kg.models.scorers.neighbours.blocks import of_blocks
+from wordcraft_kg.models.scorers.neighbours.candidate_loops import intermediates
+from wordcraft_kg.models.scorers.neighbours.feature_loops import support_terms
 from wordcraft_kg.models.scorers.neighbours.links import CELLS, link_features, links_by_key
 from wordcraft_kg.models.scorers.neighbours.lists import Lists
 from wordcraft_kg.models.scorers.neighbours.pair_features import (
@@ -19,7 +21,6 @@ from wordcraft_kg.models.scorers.neighbours.pair_features import (
     OF_ENCODER,
     pair_features,
     pairs_of,
-    square_of,
     with_link_scores,
 )
 from wordcraft_kg.models.scorers.neighbours.storage import StoredKnowledge
@@ -70,13 +71,14 @@ class RecipeKnowledge(StoredKnowledge):
         Raises:
             IndexError: as :meth:`features`.
         """
-        # A pair is scored once and looked up for both orders of its slots.
         features = self.features(goal, table, model)
         pair_scores = self.scores(features, model)
         num_slots = table.shape[1]
-        square = square_of(num_slots, table.device)
-        # (B, P) to (B, A · A) to (B, A, A).
-        scores = pair_scores.index_select(1, square).view(*table.shape, num_slots)
+        scores = pair_scores.new_empty(*table.shape, num_slots)
+        # A pair is scored once, for both orders of its slots.
+        first, second = pairs_of(num_slots, table.device)
+        scores[:, first, second] = pair_scores
+        scores[:, second, first] = pair_scores
         is_empty = table == self.num_entities
         has_empty = is_empty[:, :, None] | is_empty[:, None]
         return scores.masked_fill(has_empty, -torch.inf)
@@ -134,7 +136,7 @@ class RecipeKnowledge(StoredKnowledge):
             combines = self._from_table(COMBINES_WITH, model, a, b)
         else:
             link_rows = torch.from_numpy(links).to(goal.device)
-            component = self._link_scores(COMPONENT_OF, link_rows, model)
+            component = self.ranker(f"{RELATIONS[COMPONENT_OF]}_").of_models(link_rows, model)
         result = torch.from_numpy(features).to(goal.device)
         with_link_scores(result, component, combines, (first, second))
         if not self.has_encoder:
@@ -186,11 +188,8 @@ class RecipeKnowledge(StoredKnowledge):
             (self.ids(key), self.ids(table)),
             lambda lists, *keys: links_by_key(lists, relation, *keys).numpy(),
         )
-        return self._link_scores(relation, torch.from_numpy(links).to(key.device), model)
-
-    def _link_scores(self, relation: int, links: Tensor, model: Tensor) -> Tensor:
-        """Return the link rankers' scores, (B, A), of links' features, (B, A, F)."""
-        return self.ranker(f"{RELATIONS[relation]}_").of_models(links, model)
+        features = torch.from_numpy(links).to(key.device)
+        return self.ranker(f"{RELATIONS[relation]}_").of_models(features, model)
 
     def _by_model(
         self,
@@ -235,8 +234,7 @@ class RecipeKnowledge(StoredKnowledge):
         return features
 
     def _link_table(self, relation: int) -> Tensor:
-        table: Tensor = getattr(self, f"{RELATIONS[relation]}_table")
-        return table
+        return self.get_buffer(f"{RELATIONS[relation]}_table")
 
     def _from_table(self, relation: int, model: Tensor, heads: Tensor, tails: Tensor) -> Tensor:
         """Return link scores of heads and tails, ids that broadcast to (B, N), as float32."""
@@ -271,7 +269,6 @@ class RecipeKnowledge(StoredKnowledge):
         Returns:
             shape (B, N), or (B, E), float32.
         """
-        size = self.num_entities
         table = self._link_table(relation)
         if table.numel():
             # Row = head: with candidates as heads, the entities are columns.
@@ -280,7 +277,7 @@ class RecipeKnowledge(StoredKnowledge):
             rows = entities if candidates is None else entities[:, None]
             return by_entity[rows, columns].float()
         ranker = self.ranker(f"{RELATIONS[relation]}_").model(model)
-        width = size if candidates is None else candidates.shape[1]
+        width = self.num_entities if candidates is None else candidates.shape[1]
         scores = torch.zeros(len(entities), width)
         step = max(1, CELLS // max(width, 1))
         # Few and small products: further threads would mostly wait.
@@ -339,7 +336,6 @@ class RecipeKnowledge(StoredKnowledge):
         Raises:
             IndexError: for an id out of range.
         """
-        from wordcraft_kg.models.scorers.neighbours.candidate_loops import intermediates
 
         def candidates(lists: Lists, goals: Ids, tables: Ids) -> NDArray[np.int32]:
             proposed = np.full((len(goals), width), -1, dtype=np.int32)
@@ -374,9 +370,6 @@ class RecipeKnowledge(StoredKnowledge):
             model: number of the model.
             limit: maximum number of recipes.
         """
-        # Compiled loops are imported late: numba takes as long to import as all the rest.
-        from wordcraft_kg.models.scorers.neighbours.feature_loops import support_terms
-
         a, b, goal = self.ids(torch.tensor([a, b, goal])).tolist()
         lists = self.lists(model)
         numbers = lists.support[goal]
@@ -393,17 +386,15 @@ class RecipeKnowledge(StoredKnowledge):
         smallest = np.finfo(np.float32).tiny
         shares = evidence / max(evidence.sum(), smallest)
         strengths = evidence / max(evidence.max(initial=0), smallest)
-        results = lists.result[numbers]
-        is_other = (results != goal) | (shares < LEAST_SHARE)
+        recipes = np.stack([lists.first, lists.second, lists.result], axis=1)[numbers]
+        is_other = (recipes[:, 2] != goal) | (shares < LEAST_SHARE)
         # The last key counts first; ties stay in the order of the list.
         by_share = np.lexsort((-evidence, is_other))
-        supports: list[Support] = []
-        for row in by_share.tolist():
-            if len(supports) == limit:
-                break
-            number = numbers[row]
-            support_ids = int(lists.first[number]), int(lists.second[number]), int(results[row])
-            if weights[row] > 0 and max(support_ids) < self.num_entities:
-                figures = float(weights[row]), float(shares[row]), float(strengths[row])
-                supports.append(Support(support_ids, *figures))
+        is_reason = (weights > 0) & (recipes.max(axis=1, initial=0) < self.num_entities)
+        rows = by_share[is_reason[by_share]][:limit]
+        figures = np.stack([weights, shares, strengths], axis=1)
+        supports = []
+        for row in rows.tolist():
+            first, second, result = recipes[row].tolist()
+            supports.append(Support((first, second, result), *figures[row].tolist()))
         return supports

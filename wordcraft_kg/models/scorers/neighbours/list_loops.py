@@ -3,14 +3,11 @@
 Each function writes to its own arrays only, and visits entries in a fixed order.
 """
 
-from typing import Any
-
 import numpy as np
 
 from wordcraft_kg.models.scorers.neighbours.compiled import compiled, in_place
 from wordcraft_kg.models.scorers.neighbours.similar import dot, fourth, similarity
 
-Array = Any
 FAR = 2**31 - 1
 """The id at the end of a list of ascending ids: above all entities."""
 
@@ -51,7 +48,7 @@ def insert(ids, values, count, new, value):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def largest(cosines: Array, start: int, near: Array) -> None:
+def largest(cosines, start, near):  # type: ignore[no-untyped-def]
     """Write the columns of each row's largest positive cosines, the largest first.
 
     Args:
@@ -61,8 +58,6 @@ def largest(cosines: Array, start: int, near: Array) -> None:
     """
     rows, size = cosines.shape
     width = near.shape[1]
-    if width == 0:
-        return
     values = np.empty(width, dtype=np.float32)
     for row in range(rows):
         count = 0
@@ -140,9 +135,7 @@ def structural_neighbours(  # type: ignore[no-untyped-def]
 @compiled
 def merged_neighbours(  # type: ignore[no-untyped-def]
     vectors,
-    near_starts,
     near,
-    near_cosines,
     norms,
     near_words,
     num_uses,
@@ -158,10 +151,7 @@ def merged_neighbours(  # type: ignore[no-untyped-def]
 
     Args:
         vectors: unit word vectors, shape (T, D).
-        near_starts: where each entity's structural neighbours begin, and the last one's end, shape
-            (T + 1,).
-        near: structural neighbours.
-        near_cosines: their profile cosines.
+        near: structural neighbours, with their profile cosines as values.
         norms: each entity's similarity with itself, shape (T,).
         near_words: neighbours by words, shape (T, K_w), -1 at the end.
         num_uses: recipes that use an entity, shape (T,): ingredients have some.
@@ -180,15 +170,15 @@ def merged_neighbours(  # type: ignore[no-untyped-def]
     cosines = np.empty(size, dtype=np.float32)
     longest = 0
     for entity in range(first, first + len(used_ids)):
-        longest = max(longest, near_starts[entity + 1] - near_starts[entity])
+        longest = max(longest, near.starts[entity + 1] - near.starts[entity])
     listed = np.empty(1 + longest + near_words.shape[1], dtype=np.int32)
     for row in range(len(used_ids)):
         entity = first + row
         number = 1
         listed[0] = entity
-        for place in range(near_starts[entity], near_starts[entity + 1]):
-            structure[near[place]] = near_cosines[place]
-            listed[number] = near[place]
+        for place in range(near.starts[entity], near.starts[entity + 1]):
+            structure[near.columns[place]] = near.values[place]
+            listed[number] = near.columns[place]
             number += 1
         for place in range(near_words.shape[1]):
             if near_words[entity, place] < 0:
@@ -262,7 +252,7 @@ def supporting(made, alike, starts, by_result, width):  # type: ignore[no-untype
 
 
 @in_place
-def word_cosines(vectors: Array, out: Array) -> None:
+def word_cosines(vectors, out):  # type: ignore[no-untyped-def]
     """Write the word cosines of all entities, 1 on the diagonal.
 
     Args:
@@ -278,22 +268,19 @@ def word_cosines(vectors: Array, out: Array) -> None:
 
 
 @in_place
-def all_kernels(near_starts, near, near_cosines, norms, cosines, out):  # type: ignore[no-untyped-def]
+def all_kernels(near, norms, cosines, out):  # type: ignore[no-untyped-def]
     """Write the similarities k of all entities, 1 on the diagonal.
 
     Args:
-        near_starts: where each entity's structural neighbours begin, and the last one's end, shape
-            (T + 1,).
-        near: structural neighbours.
-        near_cosines: their profile cosines.
+        near: structural neighbours, with their profile cosines as values.
         norms: each entity's similarity with itself, shape (T,).
         cosines: word cosines, shape (T, T).
         out: shape (T, T); zeros before.
     """
     for entity in range(len(norms)):
         row = out[entity]
-        for place in range(near_starts[entity], near_starts[entity + 1]):
-            row[near[place]] = near_cosines[place]
+        for place in range(near.starts[entity], near.starts[entity + 1]):
+            row[near.columns[place]] = near.values[place]
         for partner in range(len(norms)):
             words = cosines[entity, partner]
             row[partner] = similarity(row[partner], words, norms[entity], norms[partner])

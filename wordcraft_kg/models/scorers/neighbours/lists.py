@@ -11,10 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy import sparse
 
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.arrays import Ids, different_ingredients
 from wordcraft_kg.models.scorers.kernel import TEXT, completion_parts, profiles
+from wordcraft_kg.models.scorers.neighbours import hash_loops, list_loops
 from wordcraft_kg.models.scorers.neighbours.blocks import blocks_of, write_blocks
 from wordcraft_kg.models.scorers.neighbours.regression import (
     RANK,
@@ -57,6 +59,54 @@ BLOCK = 512
 """Rows of word cosines that are in memory at once."""
 
 
+class Rows(NamedTuple):
+    """Rows of a sparse matrix.
+
+    Attributes:
+        starts: where the entries of each row begin and those of the last one end, shape (rows +
+            1,).
+        columns: column of each entry, ascending within a row.
+        values: value of each entry.
+    """
+
+    starts: Ids
+    columns: Numbers
+    values: Floats | Numbers
+
+
+class Neighbours(NamedTuple):
+    """Similar entities of T entities, the most similar first, -1 at the end.
+
+    Attributes:
+        ids: shape (T, N).
+        alike: shape (T, N), squared normalised similarities.
+        words: shape (T, N), positive word cosines to the power 4.
+    """
+
+    ids: Numbers
+    alike: Floats
+    words: Floats
+
+
+class Pairs(NamedTuple):
+    """Hash table of ingredient pairs.
+
+    Attributes:
+        bits: shape (T, bits / 8), signatures of an ingredient's partners: they tell most unknown
+            pairs without a look-up.
+        keys: the pairs; -1 for empty places.
+        starts: first recipe of each pair; its recipes' numbers are consecutive.
+        counts: number of recipes of each pair.
+        results: shape (n,), result of each recipe.
+    """
+
+    bits: Bits
+    keys: Ids
+    starts: Numbers
+    counts: Numbers
+    results: Numbers
+
+
 class Lists(NamedTuple):
     """Arrays for the features of T entities and n recipes; -1 is the end of a list.
 
@@ -65,77 +115,52 @@ class Lists(NamedTuple):
 
     Attributes:
         vectors: shape (T, D), unit word vectors; D is 0 without words.
-        near_starts: shape (T + 1,), where an entity's structural neighbours begin and end.
-        near: structural neighbours of all entities: those in an entity's own list of length K, and
-            those that have it in theirs, by ascending id.
-        near_cosines: cosines of their profiles.
+        near: structural neighbours of entities, with cosines of profiles as values: those in an
+            entity's own list of length K, and those that have it in theirs.
         norms: shape (T,), similarity of an entity with itself, k(x, x).
         cosines: shape (T, T), word cosines of all entities; (0, 0) above :data:`MATRIX` entities.
         kernels: shape (T, T), their similarities k; (0, 0) likewise.
-        used: shape (T, N), neighbours that are ingredients, the most similar first.
-        used_alike: shape (T, N), squared normalised similarities.
-        used_words: shape (T, N), positive word cosines to the power 4.
-        made: shape (T, G), neighbours that are results.
-        made_alike: shape (T, G), as ``used_alike``.
-        made_words: shape (T, G), as ``used_words``.
+        used: neighbours that are ingredients, of length N.
+        made: neighbours that are results, of length G.
         support: shape (T, R), recipe numbers.
         support_alike: shape (T, R), similarities of the recipes' results to the goal.
         first, second, result: shape (n,), recipes in ascending order.
-        pair_keys, pair_starts, pair_counts: hash table of ingredient pairs: their recipes' numbers
-            are consecutive.
-        partner_bits, result_bits: shape (T, bits / 8), signatures of an ingredient's partners and
-            results: they tell most unknown pairs and links without a look-up.
-        part_starts: shape (T + 1,), where the ingredients of a result begin and end.
-        parts, part_counts: ingredients of each result, ascending: number of recipes.
+        pairs: hash table of ingredient pairs.
+        result_bits: shape (T, bits / 8), signatures of an ingredient's results.
+        parts: ingredients of each result, with numbers of recipes as values.
         num_uses, num_makers: shape (T,), recipes that use, and that make, an entity.
         by_kernel: links by regression with the similarity k, as products, see
             :class:`~.regression.Factors`.
         by_words: links by regression with the product of word vectors, likewise.
         result_weights: shape (2 r, r), of the regression of results, see
             :func:`~.regression.result_weights`.
-        half_starts, half_nodes, half_values: sparse rows of the matrix H, shape (T, nodes):
-            completion is ``H R Hᵀ``, and H is ``nodesᵀ R``, with the matrices of
-            :func:`~wordcraft_kg.models.scorers.kernel.completion_parts`.
-        node_starts, node_partners, node_values: sparse rows of R, shape (nodes, nodes).
+        half: the matrix H, shape (T, nodes): completion is ``H R Hᵀ``, and H is ``nodesᵀ R``, with
+            the matrices of :func:`~wordcraft_kg.models.scorers.kernel.completion_parts`.
+        nodes: the matrix R, shape (nodes, nodes).
     """
 
     vectors: Floats
-    near_starts: Ids
-    near: Numbers
-    near_cosines: Floats
+    near: Rows
     norms: Floats
     cosines: Floats
     kernels: Floats
-    used: Numbers
-    used_alike: Floats
-    used_words: Floats
-    made: Numbers
-    made_alike: Floats
-    made_words: Floats
+    used: Neighbours
+    made: Neighbours
     support: Numbers
     support_alike: Floats
     first: Numbers
     second: Numbers
     result: Numbers
-    pair_keys: Ids
-    pair_starts: Numbers
-    pair_counts: Numbers
-    partner_bits: Bits
+    pairs: Pairs
     result_bits: Bits
-    part_starts: Ids
-    parts: Numbers
-    part_counts: Numbers
+    parts: Rows
     num_uses: Numbers
     num_makers: Numbers
     by_kernel: Factors
     by_words: Factors
     result_weights: Floats
-    half_starts: Ids
-    half_nodes: Numbers
-    half_values: Floats
-    node_starts: Ids
-    node_partners: Numbers
-    node_values: Floats
+    half: Rows
+    nodes: Rows
 
 
 def nearest_words(
@@ -163,15 +188,12 @@ def nearest_words(
     near = np.full((size - first, width), -1, dtype=np.int32)
     if not width:
         return near
-    # Compiled loops are imported late: numba takes as long to import as all the rest.
-    from wordcraft_kg.models.scorers.neighbours.list_loops import largest
-
     every = torch.tensor(vectors)
     # One thread, because more threads may add in another order and so break ties differently.
     with torch_threads(1):
         for start in range(first, size, block):
             cosines = (every[start : start + block] @ every.T).numpy()
-            largest(cosines, start, near[start - first : start - first + block])
+            list_loops.largest(cosines, start, near[start - first : start - first + block])
     return near
 
 
@@ -198,43 +220,41 @@ def make_lists(
         support: R, recipes for a goal.
         rank: rank of the kernel regression.
     """
-    from wordcraft_kg.models.scorers.neighbours import hash_loops, list_loops
-
     size = len(vectors)
     ordered = ordered_recipes(recipes)
     first, second, result = (np.ascontiguousarray(column, dtype=np.int32) for column in ordered.T)
     # A recipe with twice the same ingredient is one link.
     rows_of_links, ingredients = different_ingredients(ordered, size)
-    num_uses = _counted(ingredients, size)
-    num_makers = _counted(result, size)
+    num_uses = np.bincount(ingredients, minlength=size).astype(np.int32)
+    num_makers = np.bincount(result, minlength=size).astype(np.int32)
     rows = profiles(ordered, size).astype(np.float32)
-    near_starts, near, near_cosines = _structural_neighbours(rows, min(nearest, max(size, 1)))
+    near = _structural_neighbours(rows, min(nearest, max(size, 1)))
     # A profile has length 1, words add their part; entities with neither stay at the words' part.
     norms = ((np.diff(rows.indptr) > 0) + TEXT).astype(np.float32)
-    cosines = _cosines(vectors)
+    matrix_size = size if size <= MATRIX else 0
+    cosines = np.empty((matrix_size, matrix_size), dtype=np.float32)
+    list_loops.word_cosines(vectors[:matrix_size], cosines)
     kernels = np.zeros_like(cosines)
-    list_loops.all_kernels(near_starts, near, near_cosines, norms[: len(kernels)], cosines, kernels)
-    neighbours = (near_starts, near, near_cosines, norms, near_words)
-    ingredient_lists, result_lists = _merged(
+    list_loops.all_kernels(near, norms[:matrix_size], cosines, kernels)
+    used_lists, made_lists = _merged(
         vectors,
-        neighbours,
+        (near, norms, near_words),
         num_uses,
         num_makers,
         widths=(min(used, size), min(made, size)),
     )
-    used_ids, used_alike, used_words = ingredient_lists
-    made_ids, made_alike, made_words = result_lists
     starts = np.concatenate([[0], np.cumsum(num_makers)]).astype(np.int64)
-    max_support = min(support, max(len(ordered), 1))
     supporting, support_alike = list_loops.supporting(
-        made_ids,
-        made_alike,
+        made_lists.ids,
+        made_lists.alike,
         starts,
         _by_result(ordered),
-        max_support,
+        min(support, max(len(ordered), 1)),
     )
-    pairs = first.astype(np.int64) * size + second
-    pair_keys, pair_starts, pair_counts = hash_loops.pair_table(pairs, _table_size(len(pairs)))
+    pair_keys = first.astype(np.int64) * size + second
+    # A power of 2 places, of which a quarter is filled at most.
+    table_size = 1 << max(4, (4 * len(pair_keys)).bit_length())
+    keys, first_recipes, counts = hash_loops.pair_table(pair_keys, table_size)
     links = ordered[rows_of_links, 2] * size + ingredients
     by_result, part_counts = np.unique(links, return_counts=True)
     results, parts = np.divmod(by_result, size)
@@ -246,73 +266,47 @@ def make_lists(
         hash_loops.signatures(one, result, result_bits)
     by_kernel, by_words = link_factors(ordered, rows, vectors, rank)
     nodes, node_pairs = completion_parts(ordered, size)
-    half_starts, half_nodes, half_values = _sparse_rows((nodes.T @ node_pairs).tocsr())
-    node_starts, node_partners, node_values = _sparse_rows(node_pairs)
     return Lists(
         vectors=vectors,
-        near_starts=near_starts,
         near=near,
-        near_cosines=near_cosines,
         norms=norms,
         cosines=cosines,
         kernels=kernels,
-        used=used_ids,
-        used_alike=used_alike,
-        used_words=used_words,
-        made=made_ids,
-        made_alike=made_alike,
-        made_words=made_words,
+        used=used_lists,
+        made=made_lists,
         support=supporting,
         support_alike=support_alike,
         first=first,
         second=second,
         result=result,
-        pair_keys=pair_keys,
-        pair_starts=pair_starts,
-        pair_counts=pair_counts,
-        partner_bits=partner_bits,
+        pairs=Pairs(partner_bits, keys, first_recipes, counts, result),
         result_bits=result_bits,
-        part_starts=part_starts,
-        parts=parts.astype(np.int32),
-        part_counts=part_counts.astype(np.int32),
+        parts=Rows(part_starts, parts.astype(np.int32), part_counts.astype(np.int32)),
         num_uses=num_uses,
         num_makers=num_makers,
         by_kernel=by_kernel,
         by_words=by_words,
         result_weights=result_weights(ordered, by_words.right),
-        half_starts=half_starts,
-        half_nodes=half_nodes,
-        half_values=half_values,
-        node_starts=node_starts,
-        node_partners=node_partners,
-        node_values=node_values,
+        half=_sparse_rows((nodes.T @ node_pairs).tocsr()),
+        nodes=_sparse_rows(node_pairs),
     )
 
 
-def _sparse_rows(matrix: Any) -> tuple[Ids, Numbers, Floats]:
-    """Return a SciPy matrix by rows as arrays in the types that loops are compiled for.
-
-    Returns:
-        where each row begins and the last one ends, shape (rows + 1,); columns; and values.
-    """
+def _sparse_rows(matrix: Any) -> Rows:
+    """Return a SciPy matrix by rows as arrays in the types that loops are compiled for."""
     starts = matrix.indptr.astype(np.int64)
-    return starts, matrix.indices.astype(np.int32), matrix.data.astype(np.float32)
+    return Rows(starts, matrix.indices.astype(np.int32), matrix.data.astype(np.float32))
 
 
-def _cosines(vectors: Floats) -> Floats:
-    """Return the word cosines of all entities, (T, T); (0, 0) above :data:`MATRIX` entities."""
-    from wordcraft_kg.models.scorers.neighbours.list_loops import word_cosines
+def _structural_neighbours(rows: Any, nearest: int) -> Rows:
+    """Return lists in which an entity is its neighbour's neighbour, with cosines as values.
 
-    size = len(vectors) if len(vectors) <= MATRIX else 0
-    cosines = np.empty((size, size), dtype=np.float32)
-    word_cosines(vectors[:size], cosines)
-    return cosines
+    The similarity of two entities does not depend on their order then.
 
-
-def _structural_neighbours(rows: Any, nearest: int) -> tuple[Ids, Numbers, Floats]:
-    """Return the lists of :func:`_both_ways` from profiles, sparse (T, M), ``nearest`` for each."""
-    from wordcraft_kg.models.scorers.neighbours import list_loops
-
+    Args:
+        rows: profiles, sparse, shape (T, M).
+        nearest: neighbours that are searched for each entity.
+    """
     # A function of its own: in a large book, its arrays take as much memory as all lists.
     columns = rows.T.tocsr()
     profiles_both_ways = (
@@ -337,16 +331,23 @@ def _structural_neighbours(rows: Any, nearest: int) -> tuple[Ids, Numbers, Float
         )
 
     write_blocks(write, blocks_of(size))
-    return _both_ways(near, cosines)
+    is_listed = near < list_loops.FAR
+    entities, _ = np.nonzero(is_listed)
+    cells = (entities, near[is_listed])
+    table = sparse.csr_array((cosines[is_listed], cells), shape=(size, size))
+    # Both directions hold the same sum, added in another order: the larger one counts.
+    symmetric = table.maximum(table.T).tocsr()
+    symmetric.sort_indices()
+    return _sparse_rows(symmetric)
 
 
 def _merged(
     vectors: Floats,
-    neighbours: tuple[Ids, Numbers, Floats, Floats, Numbers],
+    neighbours: tuple[Rows, Floats, Numbers],
     num_uses: Numbers,
     num_makers: Numbers,
     widths: tuple[int, int],
-) -> list[tuple[Numbers, Floats, Floats]]:
+) -> list[Neighbours]:
     """Return the lists of :func:`~.list_loops.merged_neighbours` of all entities.
 
     Args:
@@ -357,17 +358,14 @@ def _merged(
         widths: lengths of the lists of ingredients, and of results.
 
     Returns:
-        of ingredients, and of results: ids, squared similarities, and word cosines to the power 4,
-        shape (T, width) each.
+        of ingredients, and of results.
     """
-    from wordcraft_kg.models.scorers.neighbours import list_loops
-
     size = len(vectors)
     lists = []
     for width in widths:
         ids = np.full((size, width), -1, dtype=np.int32)
         alike = np.zeros((size, width), dtype=np.float32)
-        lists.append((ids, alike, np.zeros_like(alike)))
+        lists.append(Neighbours(ids, alike, np.zeros_like(alike)))
 
     def write(block: slice) -> None:
         ingredients, results = (tuple(array[block] for array in arrays) for arrays in lists)
@@ -385,41 +383,11 @@ def _merged(
     return lists
 
 
-def _both_ways(near: Numbers, cosines: Floats) -> tuple[Ids, Numbers, Floats]:
-    """Return lists in which an entity is its neighbour's neighbour: starts, ids, cosines.
-
-    The similarity of two entities does not depend on their order then.
-
-    Args:
-        near: each entity's K neighbours, shape (T, K), :data:`FAR` at the end.
-        cosines: shape (T, K).
-    """
-    from scipy import sparse
-
-    from wordcraft_kg.models.scorers.neighbours.list_loops import FAR
-
-    size = len(near)
-    is_listed = near < FAR
-    rows, _ = np.nonzero(is_listed)
-    cells = (rows, near[is_listed])
-    table = sparse.csr_array((cosines[is_listed], cells), shape=(size, size))
-    # Both directions hold the same sum, added in another order: the larger one counts.
-    symmetric = table.maximum(table.T).tocsr()
-    symmetric.sort_indices()
-    starts = symmetric.indptr.astype(np.int64)
-    ids = symmetric.indices.astype(np.int32)
-    return starts, ids, symmetric.data
-
-
 def ordered_recipes(recipes: Ids) -> Ids:
     """Return distinct recipes, shape (n, 3), in ascending order, the smaller ingredient first."""
     rows = recipes.copy()
     rows[:, :2].sort(axis=1)
     return np.unique(rows, axis=0)
-
-
-def _counted(ids: Ids | Numbers, size: int) -> Numbers:
-    return np.bincount(ids, minlength=size).astype(np.int32)
 
 
 def _by_result(recipes: Ids) -> Numbers:
@@ -443,8 +411,3 @@ def _signature_bytes(size: int) -> int:
     bits_of_ids = (size - 1).bit_length()
     bits = 1 << max(3, bits_of_ids)
     return min(bits, SIGNATURE) // 8
-
-
-def _table_size(entries: int) -> int:
-    """Return the number of places in a hash table: a power of 2, at most a quarter is filled."""
-    return 1 << max(4, int(4 * entries).bit_length())

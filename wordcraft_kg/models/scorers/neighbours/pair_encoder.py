@@ -23,7 +23,6 @@ _PAIRS = 4_096
 """Pairs that are encoded at once: their inputs take 6 MiB."""
 _RECIPES = 2**16
 """Recipes whose pairs are gathered at once: 64 MiB at most."""
-_PREFIX = "encoder_"
 
 
 class PairEncoder(NamedTuple):
@@ -151,9 +150,7 @@ class PairEncoder(NamedTuple):
         """
         size = len(self.bias)
         # Tables of a batch, and goals of a search, share pairs: each is encoded once.
-        low = torch.minimum(a, b)
-        high = torch.maximum(a, b)
-        codes = low * size + high
+        codes = torch.minimum(a, b) * size + torch.maximum(a, b)
         # Distinct pairs, and which of them stands in each place, shape (B, P).
         pairs, place = codes.unique(return_inverse=True)
         units = self.hidden_units(pairs // size, pairs % size)
@@ -193,7 +190,7 @@ class PairEncoder(NamedTuple):
         return z @ result_vectors.T + self.bias
 
 
-ENCODER = tuple(f"{_PREFIX}{name}" for name in PairEncoder._fields)
+ENCODER = tuple(f"encoder_{name}" for name in PairEncoder._fields)
 """Names of an encoder's tensors, in files and modules."""
 
 

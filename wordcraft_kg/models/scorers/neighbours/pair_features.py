@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.models.scorers.neighbours.feature_loops import table_features
 from wordcraft_kg.models.scorers.neighbours.links import OF_COMPONENTS
 from wordcraft_kg.models.scorers.neighbours.lists import Floats, Lists
 
@@ -91,15 +92,17 @@ def pair_features(
     Returns:
         shape (B, P, F), in the order of :data:`FEATURES`; zeros for a pair with an empty slot.
     """
-    # Compiled loops are imported late: numba takes as long to import as all the rest.
-    from wordcraft_kg.models.scorers.neighbours.feature_loops import table_features
-
     first_slots, second_slots = slot_pairs
     features = np.zeros((len(goals), len(first_slots), len(FEATURES)), dtype=np.float32)
-    # Arrays without gaps, for which the loop is compiled.
-    table = np.ascontiguousarray(tables)
     table_features(
-        lists, np.ascontiguousarray(goals), table, first_slots, second_slots, links, features
+        lists,
+        # Arrays without gaps, for which the loop is compiled.
+        np.ascontiguousarray(goals),
+        np.ascontiguousarray(tables),
+        first_slots,
+        second_slots,
+        links,
+        features,
     )
     return features
 
@@ -138,14 +141,3 @@ def pairs_of(slots: int, device: torch.device) -> tuple[Tensor, Tensor]:
     """Return the first and second slot in each slot pair, shape (P,) each, with first <= second."""
     first_slots, second_slots = torch.triu_indices(slots, slots, device=device)
     return first_slots, second_slots
-
-
-@lru_cache
-def square_of(slots: int, device: torch.device) -> Tensor:
-    """Return the number of each slot pair in :func:`pairs_of`, in both orders, shape (A * A,)."""
-    first_slots, second_slots = pairs_of(slots, device)
-    every = torch.arange(len(first_slots), device=device)
-    number = torch.zeros(slots, slots, dtype=torch.int64, device=device)
-    number[first_slots, second_slots] = every
-    number[second_slots, first_slots] = every
-    return number.view(-1)

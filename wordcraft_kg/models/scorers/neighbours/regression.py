@@ -16,11 +16,11 @@ Source: Williams and Seeger 2001 (Nyström); Stock et al. 2018 (two-step and Kro
 "Links by kernel regression" in docs/explanation/recipe-scorer.md.
 """
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Ids, recipe_triples
 from wordcraft_kg.models.scorers.kernel import TEXT
@@ -180,10 +180,9 @@ def _turned(
 def _factors(right: Floats, weights: NDArray[np.float64], triples: Ids) -> Factors:
     """Fit the links of both relations, triples (L, 3), see :func:`_turned`."""
     shrinkage = weights[:, None] * weights + RIDGE
-    blocks = blocks_of(len(right))
     # Each relation has its own left factor; the right one, Φ Q, serves both.
-    component = _left_factor(right, triples[triples[:, 1] == COMPONENT_OF], shrinkage, blocks)
-    combines = _left_factor(right, triples[triples[:, 1] == COMBINES_WITH], shrinkage, blocks)
+    component = _left_factor(right, triples[triples[:, 1] == COMPONENT_OF], shrinkage)
+    combines = _left_factor(right, triples[triples[:, 1] == COMBINES_WITH], shrinkage)
     return Factors(component, right, combines)
 
 
@@ -191,7 +190,6 @@ def _left_factor(
     right: Floats,
     triples: Ids,
     shrinkage: NDArray[np.float64],
-    blocks: Sequence[slice],
 ) -> Floats:
     """Return ``Φ Q [(Qᵀ Φᵀ Y Φ Q) / (g gᵀ + λ)]``, shape (T, m).
 
@@ -199,10 +197,7 @@ def _left_factor(
         right: Φ Q, shape (T, m).
         triples: the links Y of a relation, shape (L, 3).
         shrinkage: g gᵀ + λ, shape (m, m).
-        blocks: of entities.
     """
-    from scipy import sparse
-
     heads, _, tails = triples.T
     link_values = np.ones(len(heads), dtype=np.float32)
     links = sparse.csr_array((link_values, (heads, tails)), shape=(len(right),) * 2)
@@ -210,7 +205,7 @@ def _left_factor(
     def product(block: slice) -> Floats:
         return np.asarray(right[block].T @ (links[block] @ right))
 
-    inner = sum(of_blocks(product, blocks), np.zeros_like(shrinkage))
+    inner = sum(of_blocks(product, blocks_of(len(right))), np.zeros_like(shrinkage))
     return right @ (inner / shrinkage).astype(np.float32)
 
 

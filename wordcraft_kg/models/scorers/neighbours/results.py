@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from wordcraft_kg.models.scorers.neighbours.candidate_loops import results_of_pairs
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import Lists
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
@@ -45,9 +46,6 @@ def propose_results(
     Returns:
         shape (n, 2 number), int64; (n, number) without an encoder.
     """
-    # Compiled loops are imported late: numba takes as long to import as all the rest.
-    from wordcraft_kg.models.scorers.neighbours.candidate_loops import results_of_pairs
-
     size = len(lists.norms)
     width = min(number, size)
     list_results = np.full((len(a), width), -1, dtype=np.int32)
@@ -105,9 +103,7 @@ def results_of(
     ranker = knowledge.ranker("results_" if has_ranker else "").model(model)
     # A recipe is a table of two slots, whose only pair is slot 0 with slot 1. In one order:
     # rounding would differ between a + b and b + a.
-    low = torch.minimum(a, b)
-    high = torch.maximum(a, b)
-    table = torch.stack([low, high], dim=1)
+    table = torch.stack([torch.minimum(a, b), torch.maximum(a, b)], dim=1)
     width = ids.shape[1]
     scores = torch.zeros(ids.shape, device=a.device)
     for start in range(0, len(a), _PAIRS):

@@ -1,17 +1,14 @@
 """Similarity of two entities, the atom of all features.
 
+Compiled loops read the types of their arguments, so these are untyped: arrays and numbers.
 See "Similar entities" in docs/explanation/recipe-scorer.md.
 """
 
 from math import sqrt
-from typing import Any
 
 import numpy as np
 
 from wordcraft_kg.models.scorers.neighbours.compiled import in_place, product_of_rows
-
-Array = Any
-"""Compiled loops read the types of their arguments, so these are untyped: arrays and numbers."""
 
 WORDS_WEIGHT = np.float32(0.2)
 """Weight of squared word cosines in the similarity, ``kernel.TEXT``."""
@@ -75,33 +72,43 @@ def fourth(words):  # type: ignore[no-untyped-def]
 
 
 @in_place
-def spread(lists, entity, structure):  # type: ignore[no-untyped-def]
-    """Write an entity's profile cosines into an array of all entities, zeros before.
-
-    Reading them costs nothing then, where each search in a list would miss a few branches. Where
-    similarities of all entities are kept, nobody reads them.
+def alike_of(lists, entity, others, structure, kernels, cosines):  # type: ignore[no-untyped-def]
+    """Write the similarities k and word cosines of an entity and others.
 
     Args:
         lists: the lists.
         entity: entity id.
-        structure: shape (T,): zeros before, the entity's profile cosines after.
+        others: entity ids, shape (n,); negative for none.
+        structure: work space, shape (T,): zeros before and after.
+        kernels: receives the similarities, shape (n,); 0 for none.
+        cosines: receives the word cosines, likewise.
     """
+    # The branch is outside of the loop: within, numba would count references for each entity.
     if len(lists.kernels) > 0:
+        for number in range(len(others)):
+            candidate = others[number]
+            kernels[number] = lists.kernels[entity, candidate] if candidate >= 0 else 0
+            cosines[number] = lists.cosines[entity, candidate] if candidate >= 0 else 0
         return
-    for place in range(lists.near_starts[entity], lists.near_starts[entity + 1]):
-        structure[lists.near[place]] = lists.near_cosines[place]
-
-
-@in_place
-def clear(lists, entity, structure):  # type: ignore[no-untyped-def]
-    """Write zeros where :func:`spread` wrote: far fewer places than all T.
-
-    Args:
-        lists: the lists.
-        entity: the entity that was spread.
-        structure: shape (T,): zeros after.
-    """
-    if len(lists.kernels) > 0:
-        return
-    for place in range(lists.near_starts[entity], lists.near_starts[entity + 1]):
-        structure[lists.near[place]] = 0
+    # Profile cosines in an array of all entities: reading them costs nothing then, where each
+    # search in a list would miss a few branches.
+    begin = lists.near.starts[entity]
+    end = lists.near.starts[entity + 1]
+    for place in range(begin, end):
+        structure[lists.near.columns[place]] = lists.near.values[place]
+    for number in range(len(others)):
+        candidate = others[number]
+        kernel = np.float32(0)
+        cosine = np.float32(0)
+        if candidate == entity:
+            kernel = np.float32(1)
+            cosine = np.float32(1)
+        elif candidate >= 0:
+            cosine = dot(lists.vectors, entity, candidate)
+            norms = lists.norms[entity], lists.norms[candidate]
+            kernel = similarity(structure[candidate], cosine, *norms)
+        kernels[number] = kernel
+        cosines[number] = cosine
+    # Cleared where it was written: far fewer places than all T.
+    for place in range(begin, end):
+        structure[lists.near.columns[place]] = 0

@@ -33,25 +33,8 @@ from wordcraft_kg.models.scorers.neighbours.pair_encoder import ENCODER, PairEnc
 from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES, OF_ENCODER
 from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 
-LINK_RANKERS = tuple(f"{relation}_{name}" for relation in RELATIONS for name in RANKER)
-"""Names of the link rankers' weights."""
 LINK_TABLES = tuple(f"{relation}_table" for relation in RELATIONS)
 """Names of the tables of link scores."""
-BUFFERS = (
-    "num_own",
-    "vectors",
-    "near_words",
-    "recipes",
-    "seen",
-    *RANKER,
-    *LINK_RANKERS,
-    *LINK_TABLES,
-)
-"""Names of the stored tensors."""
-RESULT_RANKER = tuple(f"results_{name}" for name in RANKER)
-"""Names of the weights of the ranker of results, see :mod:`.results`."""
-WITH_ENCODER = (*BUFFERS, *ENCODER, *RESULT_RANKER)
-"""Names of the stored tensors of a model with a pair encoder."""
 _LONGEST = 1.001
 """Largest number in a word vector of length 1, rounded to half precision."""
 
@@ -66,7 +49,8 @@ def _ranker_axes(prefix: str, features: str) -> dict[str, str]:
     }
 
 
-# Axis names and types, for `check_tensors`. Entities come first, as they set the sizes.
+# Axis names and types of the stored tensors, for `check_tensors`. Entities come first, as they set
+# the sizes.
 _LAYOUTS = {
     "num_own": "one int32",
     "vectors": "T D float16",
@@ -78,6 +62,7 @@ _LAYOUTS = {
     **_ranker_axes("componentOf_", "parts"),
     **dict.fromkeys(LINK_TABLES, "models side side float16"),
 }
+# Of further tensors in a model with a pair encoder: the encoder, and the ranker of `.results`.
 _OF_ENCODER = {
     "encoder_used": "models T U float16",
     "encoder_made": "models T Z float16",
@@ -98,9 +83,9 @@ _OF_ENCODER = {
 }
 
 
-def stored_names(constants: Collection[str]) -> tuple[str, ...]:
-    """Return the names that a model's tensors must have: more if any is that of an encoder."""
-    return BUFFERS if set(constants).isdisjoint((*ENCODER, *RESULT_RANKER)) else WITH_ENCODER
+def _layouts(names: Collection[str]) -> dict[str, str]:
+    """Return the layouts of all tensors of a model: more if any name is that of an encoder."""
+    return _LAYOUTS if _OF_ENCODER.keys().isdisjoint(names) else _LAYOUTS | _OF_ENCODER
 
 
 def num_features(*, has_encoder: bool) -> int:
@@ -124,7 +109,8 @@ def check_stored(
         KeyError: if a tensor is missing.
         ValueError: if a tensor has another type or shape, or holds an id or number out of range.
     """
-    has_encoder = stored_names(constants) == WITH_ENCODER
+    layouts = _layouts(constants)
+    has_encoder = ENCODER[0] in layouts
     sizes = {
         "one": 1,
         "three": 3,
@@ -136,9 +122,7 @@ def check_stored(
     }
     if num_models is not None:
         sizes["models"] = num_models
-    layouts = _LAYOUTS
     if has_encoder:
-        layouts = _LAYOUTS | _OF_ENCODER
         # A pair has the sum, the product and the distance of two vectors.
         sizes["inputs"] = 3 * (constants["encoder_used"].shape or [0])[-1]
     check_tensors(constants, layouts, **sizes)
@@ -181,8 +165,8 @@ class StoredKnowledge(nn.Module):
         bias: shape (M,), of the recipe rankers, whose other weights have the names in
             :data:`~wordcraft_kg.models.scorers.ranker.RANKER`.
 
-    The link rankers' weights are buffers with the names in :data:`LINK_RANKERS`, shaped as
-    those of the recipe rankers. Where links have features from outside the recipes, tables of their
+    The link rankers' weights are buffers whose names begin with the relation, shaped as those of
+    the recipe rankers. Where links have features from outside the recipes, tables of their
     scores stand for the rankers: buffers with the names in :data:`LINK_TABLES`, shape (M,
     E, E), half, row = head; (M, 0, 0) elsewhere.
     """
@@ -202,7 +186,7 @@ class StoredKnowledge(nn.Module):
         num_entities: int | None = None,
         num_models: int | None = None,
     ):
-        """Take the tensors in :data:`BUFFERS` by name, on which all loops rely.
+        """Take the stored tensors by name, on which all loops rely.
 
         Args:
             constants: the tensors, perhaps from a damaged file.
@@ -218,10 +202,10 @@ class StoredKnowledge(nn.Module):
             num_entities = int(constants["num_own"].sum())
         check_stored(constants, num_entities, num_models)
         self.num_entities = num_entities
-        self._names = stored_names(constants)
+        self._names = tuple(_layouts(constants))
         for name in self._names:
             self.register_buffer(name, constants[name])
-        self.has_encoder = self._names == WITH_ENCODER
+        self.has_encoder = ENCODER[0] in self._names
         self._lists: dict[int, Lists] = {}
         self.register_load_state_dict_post_hook(_renew)
 
@@ -274,9 +258,6 @@ class StoredKnowledge(nn.Module):
             mask = torch.zeros(model.num_models, len(distinct), dtype=torch.bool)
             mask[:, rows] = model.seen
             masks.append(mask)
-        names = [*RANKER, *LINK_RANKERS, *LINK_TABLES]
-        if models[0].has_encoder:
-            names += [*ENCODER, *RESULT_RANKER]
         constants = {
             "num_own": models[0].num_own,
             "vectors": models[0].vectors,
@@ -284,7 +265,7 @@ class StoredKnowledge(nn.Module):
             "recipes": distinct,
             "seen": torch.cat(masks),
         }
-        for name in names:
+        for name in models[0]._names[len(constants) :]:
             constants[name] = torch.cat([getattr(model, name) for model in models])
         stack = cls(constants)
         # Lists that are made already serve the stack, too.
@@ -421,7 +402,7 @@ class StoredKnowledge(nn.Module):
 
 def _named(ranker: Ranker, prefix: str = "") -> dict[str, Tensor]:
     """Return a ranker's weights by prefixed name, with a first axis for a single model."""
-    return {f"{prefix}{name}": weights[None] for name, weights in ranker.weights().items()}
+    return {f"{prefix}{name}": weights[None] for name, weights in ranker._asdict().items()}
 
 
 def _renew(knowledge: nn.Module, _: object) -> None:

@@ -1,9 +1,8 @@
 """Recipes as sets of one to eight ingredients: which sets make a goal, also one never seen?
 
-Read ``scorer`` first: what a model answers. ``parts`` reads what entities consist of, ``formulas``
-parses chemical formulas, ``knowledge`` holds the train recipes with all that is learned from them,
-``loops`` are its compiled loops, and ``networks`` its small networks. Trainings are in
-:mod:`wordcraft_kg.models.recipes.set_training`.
+Read ``scorer`` first: what a model answers. ``parts`` reads what entities consist of, ``knowledge``
+holds the train recipes with all that is learned from them, ``loops`` are its compiled loops, and
+``networks`` its small networks. Trainings are in :mod:`wordcraft_kg.models.recipes.set_training`.
 
 **Parts** make new entities comparable, and give a rule, *coverage*: each part of the goal comes
 from an ingredient, and an ingredient brings no part that the goal lacks. Train recipes tell the

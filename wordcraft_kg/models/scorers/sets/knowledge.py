@@ -20,6 +20,7 @@ from wordcraft_kg.models.scorers.sets.loops import (
 )
 
 NO_INGREDIENT = -1
+_BEHIND = np.iinfo(np.int64).max
 MOST_KINDS = 8_192
 """Most different ingredients of a model, whose pairs are a table."""
 _LOST_FROM = 0.05
@@ -143,7 +144,14 @@ class SetKnowledge:
         is_in_goal = amounts[recipes[:, -1]] > 0
         # A goal without parts tells nothing of what recipes lose.
         is_told = is_in_goal.any(1)
-        self._count_parts((is_in @ has_part.astype(np.float32))[is_told], is_in_goal[is_told])
+        brought = (is_in @ has_part.astype(np.float32))[is_told]
+        told_parts = is_in_goal[is_told]
+        is_brought = brought > 0
+        recipes_with = np.maximum(is_brought.sum(0), 1)
+        self.lost = (is_brought & ~told_parts).sum(0) / recipes_with
+        self.is_kept = self.lost <= _LOST_FROM
+        self.unmet = (told_parts & ~is_brought).sum(0) / np.maximum(told_parts.sum(0), 1)
+        self.shared = brought.sum(0) / recipes_with
         self.is_key = self.is_kept & (self.shared <= _SHARED_FROM) | (not self.has_parts)
         # Ingredients such as carbon for a carbide: no key part, but a part that other goals lose.
         self._is_spare: Flags = ~np.any(has_part[:, self.is_key], axis=1)
@@ -152,7 +160,13 @@ class SetKnowledge:
         shares_again = np.where(self.is_key, self.shared - 1, kept_spares)
         self._log_again = np.log(np.clip(shares_again, _RARELY_AGAIN, 1)).astype(np.float32)
         self.style_parts = ~self.is_key if style_parts is None else style_parts
-        self.styles = self.style(has_part)
+        # The kind of an ingredient: lost and shared parts, a single part, several key parts.
+        kinds = [
+            has_part[:, self.style_parts],
+            has_part.sum(1, keepdims=True) == 1,
+            has_part[:, self.is_key].sum(1, keepdims=True) > 1,
+        ]
+        self.styles = np.concatenate(kinds, axis=1).astype(np.float32)
         self.counts: Vector = np.asarray(is_in.sum(0)).ravel()
         together = (is_in.T @ is_in).toarray()
         np.fill_diagonal(together, 0)
@@ -173,36 +187,6 @@ class SetKnowledge:
             has_part=has_part,
         )
 
-    def _count_parts(self, brought: Vector, is_in_goal: Flags) -> None:
-        """Learn what recipes lose, share and leave unmet.
-
-        Args:
-            brought: number of ingredients with each part in each recipe, shape (R, P).
-            is_in_goal: shape (R, P).
-        """
-        is_brought = brought > 0
-        recipes_with = np.maximum(is_brought.sum(0), 1)
-        self.lost = (is_brought & ~is_in_goal).sum(0) / recipes_with
-        self.is_kept = self.lost <= _LOST_FROM
-        self.unmet = (is_in_goal & ~is_brought).sum(0) / np.maximum(is_in_goal.sum(0), 1)
-        self.shared = brought.sum(0) / recipes_with
-
-    def style(self, has_part: Flags) -> Vector:
-        """Return the kind of ingredients: lost and shared parts, a single part, several keys.
-
-        Args:
-            has_part: shape (n, P).
-
-        Returns:
-            shape (n, K).
-        """
-        kinds = [
-            has_part[:, self.style_parts],
-            has_part.sum(1, keepdims=True) == 1,
-            has_part[:, self.is_key].sum(1, keepdims=True) > 1,
-        ]
-        return np.concatenate(kinds, axis=1).astype(np.float32)
-
     @property
     def num_features(self) -> int:
         """Number of features of a set."""
@@ -216,12 +200,10 @@ class SetKnowledge:
             number_of: numbers of all entities, shape (E,), if others stand for some.
         """
         number_of = self.number_of if number_of is None else number_of
-        numbers = np.where(entities >= 0, number_of[entities], NO_INGREDIENT)
         # Behind all others: the largest number.
-        numbers[entities < 0] = np.iinfo(np.int64).max
+        numbers = np.where(entities >= 0, number_of[entities], _BEHIND)
         numbers.sort(axis=1)
-        numbers[numbers == np.iinfo(np.int64).max] = NO_INGREDIENT
-        return numbers
+        return np.where(numbers == _BEHIND, NO_INGREDIENT, numbers)
 
     def inputs(self, amounts: Vector, words: Vector) -> torch.Tensor:
         """Return what the network sees of goals, shape (n, 2 P + D)."""

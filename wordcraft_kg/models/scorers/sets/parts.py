@@ -1,13 +1,16 @@
 """Parts of entities, with amounts: from a table, or by a parser of labels.
 
-Parts are letters for a spelling game, nutrients for a kitchen, elements for a laboratory.
+Parts are letters for a spelling game, nutrients for a kitchen, elements for a laboratory. Chemical
+formulas are read by the library ``periodictable``.
 """
 
 import csv
 import io
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
@@ -15,13 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.base import ConfigError, check_file, counted, refuse
+from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.graphs.recipes import label_fault
-from wordcraft_kg.models.scorers.sets.formulas import parse_formula
 
 NO_PARTS = "none"
 """Name for a model that knows entities by their words alone."""
-PARSERS: dict[str, Callable[[str], Mapping[str, float]]] = {"formulas": parse_formula}
-"""Functions that read the parts of an entity in its label, by the name that a user chooses."""
 _COLUMNS = ("label", "part", "amount")
 _SHOWN = 5
 """Most unreadable labels in an error."""
@@ -29,6 +30,57 @@ _MAX_SIZE = 2**28
 """Most bytes of a table of parts, and of all amounts."""
 _ANYTHING = "anything"
 """The single part of all entities in a model without parts."""
+_HYDRATE = re.compile(r"[·•∙⋅*]\s*")
+"""Signs before the water of a hydrate; the library writes a plus."""
+_NOT_OF_FORMULAS = re.compile(r"[/%:@]|\[\d+\]")
+"""Signs of mixtures, densities and isotopes, which the library reads as something else."""
+_BRACKETS = str.maketrans("[]", "()")
+
+
+@cache
+def parse_formula(label: str) -> Mapping[str, float]:
+    """Return the elements in a formula and their amounts.
+
+    Args:
+        label: a formula, with brackets of both kinds, decimals and hydrates.
+
+    Raises:
+        ConfigError: if the library cannot read it, as with ``x`` for an amount.
+        MissingExtraError: if the library is not installed.
+
+    Example:
+        >>> parse_formula("BaTi0.9Zr0.1O3")
+        {'Ba': 1, 'Ti': 0.9, 'Zr': 0.1, 'O': 3}
+    """
+    sign = _NOT_OF_FORMULAS.search(label)
+    if sign:
+        raise _unreadable(label, f"it has {sign[0]}")
+    text = _HYDRATE.sub("+", label.translate(_BRACKETS))
+    # Not within: a missing library is no fault of the formula.
+    check_extra("chemistry")
+    from periodictable import formula
+
+    # Its parser raises errors of several kinds, some of which are plain ones.
+    try:
+        atoms = formula(text).atoms
+    except Exception as error:
+        raise _unreadable(label, str(error)) from None
+    # Ions and isotopes are parts of their own names; amounts may be anything that was typed.
+    amounts = {str(atom): float(amount) for atom, amount in atoms.items() if amount > 0}
+    if not amounts:
+        raise _unreadable(label, "no element")
+    return amounts
+
+
+def _unreadable(label: str, fault: str) -> ConfigError:
+    return ConfigError(
+        f"'{label}' is no chemical formula ({fault.splitlines()[0][:80]}); expected one such as "
+        "BaTi0.9Zr0.1O3, without x or y. Write amounts as numbers, or give `parts` as a table."
+    )
+
+
+PARSERS: dict[str, Callable[[str], Mapping[str, float]]] = {"formulas": parse_formula}
+"""Functions that read the parts of an entity in its label, by the name that a user chooses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,17 +139,6 @@ class Parts:
         return digest.hexdigest()
 
 
-def check_parts(source: str) -> None:
-    """Check the name of a source of parts.
-
-    Raises:
-        ConfigError: if it is neither a known name nor a file.
-    """
-    if source not in (NO_PARTS, *PARSERS) and not Path(source).is_file():
-        names = " or ".join((NO_PARTS, *PARSERS))
-        raise refuse("parts", source, f"{names}, or a table with the columns label, part, amount")
-
-
 def read_parts(source: str, labels: Sequence[str], *, allow_missing: bool = False) -> Parts:
     """Return the shares of parts of entities by their labels, see :func:`parts_of_labels`.
 
@@ -126,10 +167,13 @@ def parts_of_labels(
         allow_missing: whether entities may lack parts.
 
     Raises:
-        ConfigError: if a label has no parts, with examples, or the file has a wrong line.
+        ConfigError: if the source is neither a known name nor a file, a label has no parts, with
+            examples, or the file has a wrong line.
         MissingExtraError: if the parser's library is not installed.
     """
-    check_parts(source)
+    if source not in PARSERS and not Path(source).is_file():
+        names = " or ".join((NO_PARTS, *PARSERS))
+        raise refuse("parts", source, f"{names}, or a table with the columns label, part, amount")
     table = {} if source in PARSERS else _read_table(Path(source))
     parts_of_entity: list[Mapping[str, float]] = []
     missing: list[str] = []

@@ -323,8 +323,7 @@ class SetScorer(StoredScorer):
         scaled = (torch.from_numpy(features) - self._mean) / self._deviation
         with torch.no_grad():
             scores = self._committee(scaled.clamp(-_LIMIT, _LIMIT))[..., 0].mean(0)
-        result: Vector = (scores / self._temperature).numpy()
-        return result
+        return np.asarray(scores / self._temperature)
 
     def _total(self, scores: Vector) -> float:
         """Return the log sum over candidates, and none of them."""
@@ -353,8 +352,7 @@ class SetScorer(StoredScorer):
         scores = scores + np.where(sets >= 0, likeness[sets], 0).sum(1)
         is_candidate = (numbers[:, None] == candidates[None]).all(2).any(1)
         totals = np.where(is_candidate, total, np.logaddexp(total, scores))
-        result: Vector = scores - totals + self._faults(sets, evidence)
-        return result
+        return np.asarray(scores - totals + self._faults(sets, evidence))
 
     def _faults(self, sets: Ids, evidence: GoalEvidence) -> Vector:
         """Return what parts cost that are brought in vain, or missing, shape (n,), 0 or below."""
@@ -365,8 +363,7 @@ class SetScorer(StoredScorer):
         is_missing = ~is_brought[:, evidence.keys]
         lost = np.log(np.maximum(knowledge.lost, _RAREST))
         unmet = np.log(np.maximum(knowledge.unmet[evidence.keys], _RAREST))
-        cost: Vector = in_vain @ lost + is_missing @ unmet
-        return cost
+        return np.asarray(in_vain @ lost + is_missing @ unmet)
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         """Score links: the log share of an ingredient for a goal; how often two occur together."""

@@ -67,7 +67,7 @@ def discovery():
         graph,
         book=open_graph("everyday").graph,
     )
-    print(play_runs(graph, players, 20, 3).frame().to_csv())
+    print(play_runs(graph, players, 20, 3).known.tolist())
 
 
 def link_models():

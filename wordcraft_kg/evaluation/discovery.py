@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 from wordcraft_kg.agents.discovery import (
     HUMAN_CURVE,
     HUMAN_SOURCE,
+    LATER_MARKS,
+    MARKS,
     make_discoverers,
     play_runs,
-    summarise_curves,
 )
 from wordcraft_kg.base import ConfigError, Count, Hash, Record
+from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.envs.open_ended import Discovery
-from wordcraft_kg.graphs import RecipeGraph, is_in
+from wordcraft_kg.graphs import Ids, RecipeGraph, is_in
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
     from wordcraft_kg.models.recipes.inductive import LabelledScorer
 
@@ -178,7 +178,13 @@ def view_discovery(
     vectors = None if scorer is None else scorer.unit_vectors()
     discoverers = make_discoverers(players, graph, learner, book, vectors)
     plays = play_runs(graph, discoverers, attempts, runs, seed, start.base)
-    table = summarise_curves(plays.frame())
+    # The last attempt is always a mark.
+    marks = [mark for mark in (*MARKS, *LATER_MARKS) if mark < attempts] + [attempts]
+    # Nothing is forgotten: no run knows less than the base.
+    within = (float(len(start.base)), math.inf)
+    known = {}
+    for name, curves in zip(plays.players, plays.known, strict=True):
+        known[name] = {str(mark): _known(curves[:, mark], within) for mark in marks}
     return DiscoveryView(
         graph=graph.name,
         hash=graph.hash,
@@ -189,8 +195,8 @@ def view_discovery(
         runs=runs,
         seed=seed,
         scorer=None if scorer is None else scorer.name,
-        marks=tuple(table["attempt"].unique().tolist()),
-        players={name: _known(table[table["player"] == name]) for name in players},
+        marks=tuple(marks),
+        players=known,
         people={str(attempt): entities for attempt, entities in HUMAN_CURVE.items()},
         people_source=HUMAN_SOURCE,
         knows_recipes=scorer is not None and scorer.shared > 0,
@@ -200,15 +206,7 @@ def view_discovery(
     )
 
 
-def _known(table: "pd.DataFrame") -> dict[str, KnownEntities]:
-    known_by_attempt = {}
-    columns = [table[name].tolist() for name in ("attempt", "mean", "low", "high")]
-    for attempt, mean, low, high in zip(*columns, strict=True):
-        # A single run has NaN for an interval, and JSON has no NaN.
-        has_interval = not math.isnan(low)
-        known_by_attempt[str(attempt)] = KnownEntities(
-            mean=mean,
-            low=low if has_interval else None,
-            high=high if has_interval else None,
-        )
-    return known_by_attempt
+def _known(counts: Ids, within: tuple[float, float]) -> KnownEntities:
+    """Return the mean over runs, shape (runs,), with its interval within possible counts."""
+    low, high = student_interval(counts, within=within) or (None, None)
+    return KnownEntities(float(counts.mean()), low, high)

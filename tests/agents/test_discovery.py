@@ -40,19 +40,13 @@ PLAYERS = [name for name in DISCOVERERS if name not in ("recipe-learner", "book-
 """Both others have tests of their own."""
 
 
-def curves_of(*arguments, **settings):
-    """The curves of all runs, by player."""
-    plays = play_runs(*arguments, **settings)
-    return dict(zip(plays.players, plays.known, strict=True))
-
-
 def everybody(graph):
     return make_discoverers(PLAYERS, graph)
 
 
 @pytest.fixture(scope="module")
 def curves(kitchen):
-    return curves_of(kitchen, everybody(kitchen), ATTEMPTS, runs=20)
+    return play_runs(kitchen, everybody(kitchen), ATTEMPTS, runs=20)
 
 
 @pytest.mark.parametrize("has_scorer", [False, True])
@@ -103,10 +97,10 @@ def test_a_player_in_the_environment_has_the_same_curve(kitchen, curves, name):
 
 
 def test_a_curve_depends_on_the_seed_and_not_on_who_else_plays(kitchen, curves):
-    alone = curves_of(kitchen, make_discoverers(["greedy"], kitchen), ATTEMPTS, runs=20)
+    alone = play_runs(kitchen, make_discoverers(["greedy"], kitchen), ATTEMPTS, runs=20)
     np.testing.assert_array_equal(alone["greedy"], curves["greedy"])
     again, other = (
-        curves_of(
+        play_runs(
             kitchen, make_discoverers(["random-no-repeat"], kitchen), ATTEMPTS, runs=20, seed=seed
         )["random-no-repeat"]
         for seed in (0, 1)

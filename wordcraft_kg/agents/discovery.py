@@ -2,7 +2,6 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +31,6 @@ MARKS = (1, 10, 20, 50, 100)
 """Numbers of attempts at which a summary reports known entities."""
 LATER_MARKS = (200, 300, 400, 500)
 """Further numbers of attempts for long runs."""
-NEVER = -1
-"""Attempt of an entity that did not become known, in :class:`Plays`."""
-_BYTES_PER_COUNT = 8
 
 
 class Discoverer(ABC):
@@ -190,10 +186,6 @@ class GreedyDiscoverer(Discoverer):
         self.is_known[entity] = True
         self._pending.append(self.graph.uses_of(entity))
 
-    def worth(self, entities: Ids) -> Floats:
-        """Return how useful it is to make each unknown entity, given ids: positive numbers."""
-        return self._worth[entities]
-
     def choose(self) -> Pair:
         """Return the pair with the highest gain; equal gains are drawn at random.
 
@@ -218,7 +210,7 @@ class GreedyDiscoverer(Discoverer):
         pairs, index = np.unique(graph.pair_of_recipe[self._open], return_inverse=True)
         # A pair with several results makes all of them, so their worths add up.
         results = graph.recipes[self._open, 2]
-        result_values = self.worth(results)
+        result_values = self._worth[results]
         gains = np.bincount(index, result_values).astype(np.float64)
         best = pairs[self.draw_best(gains)]
         row = int(graph.pair_starts[best])
@@ -305,8 +297,6 @@ DISCOVERERS = {
     ),
 }
 """Short descriptions of the players, by name."""
-ORACLE = "greedy"
-"""The player that knows the world, and is the measure of all others."""
 GUIDED = ("recipe-learner", "book-votes")
 """Players that need a trained model or another book."""
 
@@ -365,22 +355,6 @@ def _glove(graph: RecipeGraph) -> Floats:
     return glove_features(graph.entities).unit_vectors
 
 
-class Plays(NamedTuple):
-    """All runs of several players in one world.
-
-    Attributes:
-        players: names of the P players.
-        known: number of known entities after each attempt, 0 (the base) first, shape (P, runs,
-            attempts + 1).
-        learnt: attempt at which each entity became known, shape (P, runs, E), int32; 0 for the base
-            and :data:`NEVER` for entities that stayed unknown.
-    """
-
-    players: tuple[str, ...]
-    known: NDArray[np.int64]
-    learnt: NDArray[np.int32]
-
-
 def play_runs(
     graph: RecipeGraph,
     players: Mapping[str, Discoverer],
@@ -388,8 +362,8 @@ def play_runs(
     runs: int = 100,
     seed: int = 0,
     base: Iterable[Entity] | None = None,
-) -> Plays:
-    """Let players discover entities, and record when each entity became known.
+) -> dict[str, NDArray[np.int64]]:
+    """Let players discover entities, and count the known entities.
 
     Rules are as in ``WordCraft-OpenEnded-v0``, but without observations. Run ``i`` uses
     ``np.random.default_rng([seed, i])``, so results do not depend on the choice of players. A run
@@ -403,6 +377,10 @@ def play_runs(
         seed: root seed of all random choices.
         base: entities known at the start; None for the graph's base.
 
+    Returns:
+        The curves of each player by name: number of known entities after each attempt, 0 (the base)
+        first, shape (runs, attempts + 1).
+
     Raises:
         ConfigError: for numbers out of range, or a base with an unknown entity or from which
             nothing can be made.
@@ -410,26 +388,23 @@ def play_runs(
     whole("attempts", attempts, 1, MAX_SIZE)
     whole("runs", runs, 1, MAX_SIZE)
     whole("seed", seed, 0)
-    num_curves = len(players) * runs
-    num_bytes = num_curves * (_BYTES_PER_COUNT * (attempts + 1) + 4 * graph.num_entities)
+    num_bytes = 8 * len(players) * runs * (attempts + 1)
     check_memory("runs", runs, f"their curves of {attempts:,} attempts", num_bytes)
     game = Discovery(graph, base)
-    shape = (len(players), runs, attempts + 1)
-    known_counts = np.zeros(shape, dtype=np.int64)
-    learnt = np.full((len(players), runs, graph.num_entities), NEVER, dtype=np.int32)
-    learnt[:, :, list(game.base)] = 0
-    for number, (name, player) in enumerate(players.items()):
+    curves = {}
+    for name, player in players.items():
+        known_counts = np.zeros((runs, attempts + 1), dtype=np.int64)
         for run in steps(f"playing {name}", range(runs)):
             game.restart()
             player.begin(game.base, np.random.default_rng([seed, run]))
-            known_counts[number, run] = len(game.base)
+            known_counts[run] = len(game.base)
             for attempt in range(1, attempts + 1):
                 pair = player.choose()
                 new, _ = game.combine(*pair)
                 player.observe(pair, new)
-                learnt[number, run, list(new)] = attempt
                 # To the end, so that a run that stops early keeps its count.
-                known_counts[number, run, attempt:] = len(game.known)
+                known_counts[run, attempt:] = len(game.known)
                 if game.is_complete:
                     break
-    return Plays(tuple(players), known_counts, learnt)
+        curves[name] = known_counts
+    return curves

@@ -109,8 +109,6 @@ class Evaluation:
         by_plan: shape (N, D), bool: a plan's last pair made the goal.
         actions: shape (N, D), int64: episode length in actions.
         terminations: shape (N, D), int8: index into :data:`TERMINATION_REASONS`.
-        last: shape (N, D, 2), int64: ids of the last pair, in order of actions; for recipes of
-            other sizes, of the last set, with as many places as the largest recipe.
         decisions: shape (N, D), int64: hash of the attempted pairs, in order of attempts but not of
             actions.
     """
@@ -121,7 +119,6 @@ class Evaluation:
     by_plan: NDArray[np.bool_]
     actions: Ids
     terminations: NDArray[np.int8]
-    last: Ids
     decisions: Ids
 
     def metrics(self) -> Success:
@@ -218,7 +215,6 @@ class Evaluator:
         by_plan = np.zeros(shape, dtype=bool)
         actions = np.zeros(shape, dtype=np.int64)
         terminations = np.zeros(shape, dtype=np.int8)
-        last = np.zeros((*shape, self.engine.world.graph.most_ingredients), dtype=np.int64)
         decisions = np.zeros(shape, dtype=np.int64)
         engine = self.engine
         for distractor_seed in steps(stage, range(self.distractor_seeds)):
@@ -245,11 +241,8 @@ class Evaluator:
                 over = step.over
                 ended = np.where(step.outcome == GOAL, 0, self._termination(picks))
                 terminations[over, distractor_seed] = ended[over]
-                last[over, distractor_seed] = picks[over]
         groups = engine.world.groups[self.tasks]
-        return Evaluation(
-            self.tasks, groups, success, by_plan, actions, terminations, last, decisions
-        )
+        return Evaluation(self.tasks, groups, success, by_plan, actions, terminations, decisions)
 
     def _termination(self, picks: Ids) -> NDArray[np.int64]:
         """Return an index into :data:`TERMINATION_REASONS` for each failed attempt."""

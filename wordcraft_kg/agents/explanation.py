@@ -1,7 +1,7 @@
 """Explanations for an agent's actions: a slot's logit, split into contributions by sources."""
 
 import copy
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Annotated, Literal, NamedTuple, get_args
 
@@ -415,30 +415,29 @@ class Explainer:
         return None
 
     def _explained(self, query: _Query) -> ExplainedTable:
+        graph = self.world.graph
         model, fold, is_seen = self._answering(query)
+        parts = get_args(Part)
         ways = []
         for way in self._ways(query.goal, query.table):
-            ways.append(self._table_recipes(way, is_seen))
+            recipes = graph.recipe_labels(graph.sets[list(way)])
+            table_recipes = (
+                TableRecipe(
+                    ingredients=recipe.ingredients,
+                    result=recipe.result,
+                    part=parts[self.world.split.parts[row]],
+                    is_in_sample=bool(is_seen[row]),
+                )
+                for row, recipe in zip(way, recipes, strict=True)
+            )
+            ways.append(tuple(table_recipes))
         return ExplainedTable(
-            table=self.world.graph.labels(query.table),
+            table=graph.labels(query.table),
             ways=tuple(ways),
             model=model,
             fold=fold,
             episode=self._played(query),
         )
-
-    def _table_recipes(self, way: Rows, is_seen: NDArray[np.bool_]) -> tuple[TableRecipe, ...]:
-        graph = self.world.graph
-        names = get_args(Part)
-        recipes = []
-        labels = graph.recipe_labels(graph.sets[list(way)])
-        for row, recipe in zip(way, labels, strict=True):
-            part = names[self.world.split.parts[row]]
-            is_in_sample = bool(is_seen[row])
-            recipes.append(
-                TableRecipe(recipe.ingredients, recipe.result, part, is_in_sample=is_in_sample)
-            )
-        return tuple(recipes)
 
     def _answering(self, query: _Query) -> tuple[Model, int | None, NDArray[np.bool_]]:
         """Return the model that gives the scores, the fold it has not seen, and its recipes."""
@@ -628,34 +627,32 @@ def explain_episodes(
             scorer.
     """
     explainer = Explainer(policy, world, outside=outside)
-    if task is not None:
-        whole("task", task, 0, len(world.tasks) - 1)
-        return tuple(explainer.episode(task, number) for number in range(episodes))
-    tasks, distractor_seeds = _choose_tasks(world, goal, episodes)
-    episodes_to_play = list(zip(tasks.tolist(), distractor_seeds.tolist(), strict=True))
-    explained = []
-    for number, distractor_seed in steps("explaining", episodes_to_play):
-        explained.append(explainer.episode(number, distractor_seed))
-    return tuple(explained)
+    tables = list(_chosen_tables(world, goal, task, episodes))
+    return tuple(explainer.episode(*table) for table in steps("explaining", tables))
 
 
-def _choose_tasks(world: World, goal: str | None, episodes: int) -> tuple[Ids, Ids]:
-    graph = world.graph
+def _chosen_tables(
+    world: World, goal: str | None, task: int | None, episodes: int
+) -> Iterator[tuple[int, int]]:
+    """Return the tasks and distractor seeds to play; arguments as of :func:`explain_episodes`."""
     tasks = world.tasks
-    if goal is None:
-        # Evenly spaced, because neighbouring tasks have the same goal.
-        number = min(episodes, len(tasks))
-        rows = np.linspace(0, len(tasks) - 1, number).astype(np.int64)
-        return rows, np.zeros_like(rows)
-    rows = np.flatnonzero(tasks.goals == graph.id_of(goal))
-    if not len(rows):
-        raise TaskError(
-            f"no {world.config.part} task of depth {world.config.depth} has the goal '{goal}'. "
-            "Choose another goal, or `part` all."
-        )
+    if task is not None:
+        rows = np.array([whole("task", task, 0, len(tasks) - 1)])
+    elif goal is not None:
+        rows = np.flatnonzero(tasks.goals == world.graph.id_of(goal))
+        if not len(rows):
+            raise TaskError(
+                f"no {world.config.part} task of depth {world.config.depth} has the goal '{goal}'. "
+                "Choose another goal, or `part` all."
+            )
+    else:
+        # Evenly spaced, because neighbouring tasks have the same goal; each on its first table.
+        episodes = min(episodes, len(tasks))
+        rows = np.linspace(0, len(tasks) - 1, episodes).astype(np.int64)
     # All tasks with the first table, then all with the second one.
-    numbers = np.arange(episodes)
-    return rows[numbers % len(rows)], numbers // len(rows)
+    for number in range(episodes):
+        distractor_seed, place = divmod(number, len(rows))
+        yield int(rows[place]), distractor_seed
 
 
 def _slots(

@@ -160,6 +160,12 @@ class Impala:
             eps=config.rms_epsilon,
             momentum=config.momentum,
         )
+        # As RMSProp makes it in its first step; made here, every checkpoint has it.
+        optimizer_state = self.optimizer.state[self._flat]
+        optimizer_state["step"] = torch.tensor(0.0)  # counted on the CPU
+        averages = ("square_avg", "momentum_buffer") if config.momentum else ("square_avg",)
+        for name in averages:
+            optimizer_state[name] = torch.zeros_like(self._flat)
         lag = min(config.policy_lag, config.updates)
         num_bytes = 4 * len(self._flat) * lag  # bytes of float32
         check_memory("policy_lag", config.policy_lag, "that many policies", num_bytes)
@@ -412,21 +418,25 @@ class Impala:
         """
         if not self._flat.isfinite().all():
             raise TrainingError(self._not_finite())
-        tensors: dict[str, Tensor] = {}
-        for name, parameter in self.policy.named_parameters():
-            tensors[f"policy.{name}"] = parameter
-        for name, value in self.optimizer.state[self._flat].items():
-            tensors[f"optimizer.{name}"] = torch.as_tensor(value)
+        tensors = self._changed_in_place()
         for name, array in self.envs.saved().items():
             tensors[f"engine.{name}"] = torch.from_numpy(array)
         for number, snapshot in enumerate(self._snapshots):
             for name, tensor in snapshot.items():
                 tensors[f"snapshot.{number}.{name}"] = tensor
-        tensors["sums"] = self._sums
         tensors["successes"] = self.successes.keys
         tensors["generator"] = self._generator.get_state()
         tensors["update"] = torch.tensor(self.update_number)
         return copied(tensors)
+
+    def _changed_in_place(self) -> dict[str, Tensor]:
+        """Return the tensors that an update writes into, by their names in a state."""
+        tensors: dict[str, Tensor] = {"sums": self._sums}
+        for name, parameter in self.policy.named_parameters():
+            tensors[f"policy.{name}"] = parameter
+        for name, value in self.optimizer.state[self._flat].items():
+            tensors[f"optimizer.{name}"] = value
+        return tensors
 
     def restore(self, state: Mapping[str, Tensor]) -> None:
         """Continue training from a :meth:`state` with the same policy, tasks and settings.
@@ -437,9 +447,12 @@ class Impala:
             ConfigError: if an array of the environments has another shape.
         """
         with torch.no_grad():
-            for name, parameter in self.policy.named_parameters():
-                parameter.copy_(state[f"policy.{name}"])
-        self.optimizer.state[self._flat] = self._restored_optimizer(state)
+            for name, tensor in self._changed_in_place().items():
+                # A tensor of another shape might be repeated to fit.
+                if state[name].shape != tensor.shape:
+                    sizes = f"{tuple(state[name].shape)}; expected {tuple(tensor.shape)}"
+                    raise RuntimeError(f"{name} has the size {sizes}")
+                tensor.copy_(state[name])
         saved = {}
         for name in self.envs.saved():
             saved[name] = state[f"engine.{name}"].numpy()
@@ -456,7 +469,6 @@ class Impala:
         for _, snapshot in sorted(snapshots.items()):
             self._snapshots.append(snapshot)
         self._next_scores = None
-        self._sums.copy_(state["sums"])
         self.successes.keys = state["successes"].to(self.device, copy=True)
         self._generator.set_state(state["generator"])
         self.update_number = int(state["update"])
@@ -641,31 +653,6 @@ class Impala:
         else:
             lambdas = output.lambdas[:acted].detach()
         return _Loss(loss, policy_loss, value_loss, entropy), _Last(log_rhos, lambdas)
-
-    def _restored_optimizer(self, state: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """Return the optimiser's part of a state; torch would notice damage in the next update."""
-        expected: dict[str, tuple[int, ...]] = {}
-        if state["update"]:  # before the first update, RMSProp has no state
-            expected = {"step": (), "square_avg": self._flat.shape}
-            if self.config.momentum:
-                expected["momentum_buffer"] = self._flat.shape
-        prefix = "optimizer."
-        names = {name.removeprefix(prefix): name for name in state if name.startswith(prefix)}
-        if names.keys() != expected.keys():
-            raise KeyError(
-                f"optimiser tensors: expected {', '.join(expected) or 'none'}, "
-                f"found {', '.join(names)}"
-            )
-        restored = {}
-        for key, name in names.items():
-            tensor = state[name]
-            if tensor.shape != expected[key] or not tensor.is_floating_point():
-                raise RuntimeError(
-                    f"{name} has shape {tuple(tensor.shape)} and type {tensor.dtype}"
-                )
-            # RMSProp counts its steps on the CPU.
-            restored[key] = tensor.to("cpu" if key == "step" else self.device, copy=True)
-        return restored
 
     def _not_finite(self) -> str:
         first = self.update_number * self.config.steps_per_update

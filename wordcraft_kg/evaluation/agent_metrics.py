@@ -6,7 +6,7 @@ to 0. What an agent would have learned without the source, only another training
 also of unfinished runs: success, statistics and mixing weights λ.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Annotated, Literal, get_args
 
 import msgspec
@@ -302,39 +302,31 @@ def slices_of(
     }
     slices = {}
     for name, masks in groups.items():
-        rows = slice_successes(dict(masks), results)
+        rows = [_slice_success(label, mask, results) for label, mask in masks if mask.any()]
         if rows:
-            slices[name] = rows
+            slices[name] = tuple(rows)
     return slices
 
 
-def slice_successes(
-    slices: Mapping[str, NDArray[np.bool_]], results: Sequence[Evaluation]
-) -> tuple[SliceSuccess, ...]:
-    """Return the success rate on each slice of the played tasks, over all results.
+def _slice_success(
+    name: str, mask: NDArray[np.bool_], results: Sequence[Evaluation]
+) -> SliceSuccess:
+    """Return the success rate on a slice of the played tasks, over all results.
 
     Args:
-        slices: mask over the played tasks, shape (tasks,), by name.
+        name: the slice.
+        mask: its tasks, one or more, shape (tasks,).
         results: an evaluation of each run, on the same tasks.
-
-    Returns:
-        success by slice, in the order of ``slices``; empty slices are left out.
     """
-    success = _successes(results)
-    rows = []
-    for name, mask in slices.items():
-        if mask.any():
-            # Within a slice, too, whole groups are resampled: the split holds out the tasks of a
-            # group together, so their outcomes are not independent.
-            interval = task_bootstrap(success[mask], results[0].groups[mask])
-            row = SliceSuccess(
-                slice=name,
-                tasks=int(mask.sum()),
-                success=float(success[mask].mean()),
-                ci=interval,
-            )
-            rows.append(row)
-    return tuple(rows)
+    success = _successes(results)[mask]
+    # Within a slice, too, whole groups are resampled: the split holds out the tasks of a group
+    # together, so their outcomes are not independent.
+    return SliceSuccess(
+        slice=name,
+        tasks=len(success),
+        success=float(success.mean()),
+        ci=task_bootstrap(success, results[0].groups[mask]),
+    )
 
 
 class SourceGain(Record):
@@ -379,11 +371,11 @@ def source_gains(
     Returns:
         The gain by each source, by name, such as ``combines (u)``; empty without sources.
     """
-    success = np.concatenate([result.success for result in results], axis=1)
+    success = _successes(results)
     gains = {}
     for source in policies[0].sources:
         played = [evaluator(PolicyPlayer(policy, silent=[source])) for policy in policies]
-        without = np.concatenate([result.success for result in played], axis=1)
+        without = _successes(played)
         gain, low, high = paired_difference(success, without, results[0].groups)
         gains[with_letters([source])] = SourceGain(float(without.mean()), gain, (low, high))
     return gains

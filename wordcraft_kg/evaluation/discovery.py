@@ -177,14 +177,14 @@ def view_discovery(
     learner = None if scorer is None else scorer.learner()
     vectors = None if scorer is None else scorer.unit_vectors()
     discoverers = make_discoverers(players, graph, learner, book, vectors)
-    plays = play_runs(graph, discoverers, attempts, runs, seed, start.base)
+    curves = play_runs(graph, discoverers, attempts, runs, seed, start.base)
     # The last attempt is always a mark.
     marks = [mark for mark in (*MARKS, *LATER_MARKS) if mark < attempts] + [attempts]
     # Nothing is forgotten: no run knows less than the base.
     within = (float(len(start.base)), math.inf)
     known = {}
-    for name, curves in zip(plays.players, plays.known, strict=True):
-        known[name] = {str(mark): _known(curves[:, mark], within) for mark in marks}
+    for name, counts in curves.items():
+        known[name] = {str(mark): _known(counts[:, mark], within) for mark in marks}
     return DiscoveryView(
         graph=graph.name,
         hash=graph.hash,

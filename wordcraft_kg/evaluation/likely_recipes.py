@@ -108,12 +108,11 @@ class RecipeFinder:
         return self.whole.knowledge.lists()
 
     @cached_property
-    def learned(self) -> tuple[Ids, Ids, Ids]:
-        """Ingredients and results of the recipes that the model knows, ids of shape (n,) each."""
+    def learned(self) -> Ids:
+        """Ingredients and results of the recipes that the model knows, ids of shape (3, n)."""
+        columns = (self.lists.first, self.lists.second, self.lists.result)
         # Lists have int32 ids, whose products would overflow.
-        columns = self.lists.first, self.lists.second, self.lists.result
-        first, second, result = (column.astype(np.int64) for column in columns)
-        return first, second, result
+        return np.array(columns, dtype=np.int64)
 
     @cached_property
     def known(self) -> Ids:

@@ -27,7 +27,6 @@ from wordcraft_kg.graphs import (
     COMBINES_WITH,
     RELATIONS,
     Ids,
-    RecipeGraph,
     Relation,
     SplitSummary,
     TrainedOn,
@@ -36,7 +35,7 @@ from wordcraft_kg.graphs import (
 )
 from wordcraft_kg.graphs.audit import Leakage, leakage, split_summary
 from wordcraft_kg.models.links.link_records import TraceRow
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of
+from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import (
     NEAR_SYNONYM,
@@ -109,21 +108,17 @@ class Reliability(Record):
     bins: tuple[ReliabilityBin, ...]
 
 
-def view_probabilities(
-    scorer: CrossFitted, graph: RecipeGraph, trained_on: Ids
-) -> tuple[Reliability, ...]:
+def reliability_of(links: RankedLinks) -> tuple[Reliability, ...]:
     """Compare predicted probabilities with true triples outside training.
 
-    Args:
-        scorer: a cross-fitted scorer.
-        graph: the graph, whose triples are true.
-        trained_on: training triples, shape (T, 3).
-
     Returns:
-        A record for each relation and kind of pair; empty for a scorer without probabilities.
+        A record for each relation and kind of pair; empty for a model without probabilities, of the
+        full graph, or of a graph too large to score all pairs.
     """
-    if scorer.probabilities is None:
+    scorer = folds_of(links.scorer)
+    if links.is_full or not links.has_table or scorer is None or scorer.probabilities is None:
         return ()
+    graph = links.graph
     size = graph.num_entities
     every = torch.arange(size)
     is_self = np.eye(size, dtype=bool)
@@ -131,7 +126,7 @@ def view_probabilities(
     for relation, name in enumerate(RELATIONS):
         chances = scorer.probability(every[:, None], relation, every[None, :]).cpu().numpy()
         # Triples in training are no test: the scorer has seen that they are true.
-        is_asked = ~_table(trained_on, relation, size)
+        is_asked = ~_table(links.trained_on, relation, size)
         if relation == COMBINES_WITH:  # both directions are the same fact
             is_asked &= np.tri(size, dtype=bool)
         is_true = _table(graph.triples, relation, size)
@@ -370,27 +365,18 @@ def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
         return tuple(rows)
 
     pairs = [("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]
+    # The goal is the tail of componentOf; combinesWith says nothing about a goal.
+    goals = ranks["tail"].to_numpy(dtype=np.int64)
+    groups = goal_groups(graph, goals, links.made_by_other_books)
+    by_other_book = [(f"{LINKS_TO} {name}", mask & ~is_symmetric) for name, mask in groups.items()]
     return DrillDown(
         seen_in_train=slices(between(train_uses, SEEN)),
         layer=slices([("not reachable", layer < 0), *between(layer, _LAYERS)]),
         self_combination=slices(pairs),
         # With all recipes in training every test recipe repeats a train recipe: itself.
         near_synonyms=() if links.is_full else slices(_near_synonyms(links)),
-        other_book=slices(_by_other_book(links)),
+        other_book=slices(by_other_book),
     )
-
-
-def _by_other_book(links: RankedLinks) -> Iterator[tuple[str, NDArray[np.bool_]]]:
-    """Yield componentOf queries whose goal another book makes, and all other componentOf queries.
-
-    The goal is the tail.
-    """
-    goals = links.ranks["tail"].to_numpy(dtype=np.int64)
-    is_part = (links.ranks["relation"] != COMBINES_WITH).to_numpy()
-    # combinesWith says nothing about a goal, so only componentOf queries are grouped.
-    groups = goal_groups(links.graph, goals, links.made_by_other_books)
-    for name, mask in groups.items():
-        yield f"{LINKS_TO} {name}", mask & is_part
 
 
 def _near_synonyms(links: RankedLinks) -> list[tuple[str, NDArray[np.bool_]]]:
@@ -431,7 +417,8 @@ def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
     graph = links.graph
     pairs = []
     for relation, name in enumerate(RELATIONS):
-        scores = links.table[relation].copy()
+        # A copy, because the scorer may keep its table.
+        scores = links.scorer.table(relation).cpu().numpy().copy()
         if relation == COMBINES_WITH:
             # Both directions are one fact: their mean stands above the diagonal, nothing below.
             mean_scores = (scores + scores.T) / 2
@@ -447,9 +434,7 @@ def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
             score = float(scores[head, tail])
             # A small graph may have fewer free pairs than rows in the list.
             if np.isfinite(score):
-                head_label = graph.entities[head]
-                tail_label = graph.entities[tail]
-                pairs.append(ScoredPair(head_label, name, tail_label, score))
+                pairs.append(ScoredPair(graph.entities[head], name, graph.entities[tail], score))
     return tuple(pairs)
 
 
@@ -650,15 +635,20 @@ def view_links(
         split=split,
         queries=len(ranks),
         triples=len(links.queries),
-        sampled_from=links.population if links.population > len(links.queries) else None,
+        sampled_from=links.sampled_from,
         without_pairs=not links.has_table,
         leaked_left_out=0 if links.is_full else split.leaked_triples,
         leakage=leakage(links.opened.split),
         checks=tuple(_checks(links)),
         metrics=_by_slice(ranks, measure),
-        ties=_ties(links),
+        ties=Ties(
+            optimistic=ranking_metrics(ranks, "optimistic"),
+            pessimistic=ranking_metrics(ranks, "pessimistic"),
+            # Without the filter all entities are candidates, which adjusted metrics need to know.
+            raw_rank=ranking_metrics(ranks.assign(candidates=graph.num_entities), "raw_rank"),
+        ),
         in_sample=_in_sample(links),
-        probabilities=_probabilities(links),
+        probabilities=reliability_of(links),
         with_leaked=_with_leaked(links),
         baselines=baselines,
         comparisons=comparisons_of(links, seed),
@@ -749,16 +739,6 @@ def _checks(links: RankedLinks) -> Iterator[Check]:
     yield Check("mirror", no_mirror, not mirrored, f"{mirrored} found")
 
 
-def _ties(links: RankedLinks) -> Ties:
-    # Without the filter all entities are candidates, which adjusted metrics need to know.
-    unfiltered = links.ranks.assign(candidates=links.graph.num_entities)
-    return Ties(
-        optimistic=ranking_metrics(links.ranks, "optimistic"),
-        pessimistic=ranking_metrics(links.ranks, "pessimistic"),
-        raw_rank=ranking_metrics(unfiltered, "raw_rank"),
-    )
-
-
 def _by_slice(
     ranks: pd.DataFrame, measure: Callable[[pd.DataFrame, NDArray[np.bool_]], RankingMetrics]
 ) -> _Slices:
@@ -779,14 +759,6 @@ def _with_leaked(links: RankedLinks) -> RankingMetrics:
     if not len(ranks):
         return ranking_metrics(links.ranks)
     return ranking_metrics(pd.concat([links.ranks, ranks], ignore_index=True))
-
-
-def _probabilities(links: RankedLinks) -> tuple[Reliability, ...]:
-    folds = folds_of(links.scorer)
-    # Probabilities are of triples outside training, which a model of the full graph does not have.
-    if links.is_full or not links.has_table or folds is None:
-        return ()
-    return view_probabilities(folds, links.graph, links.trained_on)
 
 
 def _in_sample(links: RankedLinks) -> InSample | None:

@@ -68,13 +68,15 @@ class Query:
 
     Attributes:
         columns: names of the slots, the header of a file of such queries.
-        entity_slots: places of the slots that hold an entity.
+        entity_slots: places of the slots that hold an entity; a relation stands in the others.
+        remedy: what to do with a query of several open slots.
         slots: a label for each column; None for the open slot.
         line: line of the file that the query was read from, from 1; None for arguments.
     """
 
     columns: ClassVar[tuple[str, str, str]] = ("head", "relation", "tail")
     entity_slots: ClassVar[tuple[int, ...]] = (0, 2)
+    remedy: ClassVar[str] = "name the head or the tail."
 
     slots: tuple[str | None, str | None, str | None]
     line: int | None = None
@@ -95,26 +97,21 @@ class Query:
             UnknownEntityError: for an unknown relation; the error names the nearest.
             ConfigError: if several slots are open.
         """
-        cls._check_relation(words[1])
+        if 1 not in cls.entity_slots and words[1] not in RELATIONS:
+            raise UnknownEntityError(
+                f"no relation '{words[1]}'; expected {' or '.join(RELATIONS)}."
+                f"{nearest(words[1], RELATIONS)}"
+            )
         first, second, third = (
             None if word in ("", *OPEN) and word not in entities else word for word in words
         )
-        slots = (first, second, third)
-        if slots.count(None) > 1:
-            raise ConfigError(cls._too_open(slots))
-        return cls(slots, line)
+        query = cls((first, second, third), line)
+        if query.slots.count(None) > 1:
+            raise ConfigError(f"{query} has several open slots: {cls.remedy}")
+        return query
 
-    @classmethod
-    def _check_relation(cls, word: str) -> None:
-        if word not in RELATIONS:
-            raise UnknownEntityError(
-                f"no relation '{word}'; expected {' or '.join(RELATIONS)}."
-                f"{nearest(word, RELATIONS)}"
-            )
-
-    @classmethod
-    def _too_open(cls, slots: Sequence[str | None]) -> str:
-        return "both slots are open: name the head or the tail."
+    def __str__(self) -> str:
+        return " ".join(slot or "_" for slot in self.slots)
 
     @property
     def is_open(self) -> bool:
@@ -133,18 +130,11 @@ class RecipeQuery(Query):
 
     columns = ("ingredient_a", "ingredient_b", "result")
     entity_slots = (0, 1, 2)
+    remedy = "leave a single slot open, an ingredient or the result."
 
-    @classmethod
-    def _check_relation(cls, word: str) -> None:
-        """Accept any word: the second slot of a recipe is an entity."""
-
-    @classmethod
-    def _too_open(cls, slots: Sequence[str | None]) -> str:
-        first, second, result = (slot or "_" for slot in slots)
-        return (
-            f"{first} + {second} = {result} has several open slots: leave a single slot open, an "
-            "ingredient or the result."
-        )
+    def __str__(self) -> str:
+        first, second, result = (slot or "_" for slot in self.slots)
+        return f"{first} + {second} = {result}"
 
 
 def parse_query(words: Sequence[str], entities: Collection[str]) -> Query:

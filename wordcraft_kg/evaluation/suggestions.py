@@ -14,6 +14,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import get_args
 
 import msgspec
 import numpy as np
@@ -310,7 +311,7 @@ def open_suggesting(folder: Path, graph: str | None = None) -> Model:
     return model
 
 
-def suggest_recipes(
+def suggest_sets(
     model: Model,
     goal: str,
     top: int,
@@ -320,25 +321,20 @@ def suggest_recipes(
     new_only: bool = False,
     rule: Rule | None = None,
 ) -> Suggestions:
-    """Suggest recipes for a goal, also for one that the graph lacks if the model knows its parts.
+    """Suggest sets for a goal, also for one that the graph lacks if the model knows its parts.
 
     Args:
-        model: from :func:`open_suggesting`.
+        model: a model of sets.
         goal: label.
         top: most recipes.
         has_coverage: whether ingredients must bring the goal's parts, and no others.
         size: number of ingredients; None for any.
-        new_only: whether recipes of the book are left out, by a model of sets.
-        rule: which sets of a model of sets are allowed.
+        new_only: whether recipes of the book are left out.
+        rule: which sets are allowed; None for all.
 
     Raises:
         ConfigError: if nothing is known of the goal, or the rule allows no set.
-        UnknownEntityError: if a recipe scorer of pairs does not know the goal.
     """
-    if not is_set_model(model):
-        if rule is not None:
-            raise ConfigError("`rule` chooses among the sets of a model of sets. Leave it out.")
-        return suggest(model, Wish(goal=goal), top)
     goal = goal if goal in model.opened.graph else goal.strip()
     scorer, new = _scorer_of(model, [goal])
     ranked = scorer.recipes(goal, 10**6, has_coverage=has_coverage, rule=rule)
@@ -423,14 +419,22 @@ def _known(split: Split, ingredients: Sequence[str], result: str) -> Known:
     number = int(graph.rows_of(row)[0])
     if number < 0:
         return "new"
-    parts: tuple[Part, ...] = ("train", "valid", "test")
-    return next(part for part in parts if split.is_in(part)[number])
+    part: Part = get_args(Part)[split.parts[number]]
+    return part
 
 
 # --- recipes that the book lacks ------------------------------------------------------------------
 
 
-def suggest(model: Model, wish: Wish, top: int = PAGE, *, has_coverage: bool = True) -> Suggestions:
+def suggest(
+    model: Model,
+    wish: Wish,
+    top: int = PAGE,
+    *,
+    has_coverage: bool = True,
+    new_only: bool = True,
+    rule: Rule | None = None,
+) -> Suggestions:
     """Suggest recipes that the book lacks, the most probable first, none of them for one item only.
 
     Args:
@@ -438,13 +442,23 @@ def suggest(model: Model, wish: Wish, top: int = PAGE, *, has_coverage: bool = T
         wish: the wanted recipes.
         top: most recipes.
         has_coverage: whether ingredients must bring the goal's parts, by a model of sets.
+        new_only: whether a model of sets leaves out the book's recipes of a goal; all others do.
+        rule: which sets of a goal are allowed; None for all.
 
     Raises:
-        ConfigError: if the model has no probabilities, or, of sets, too many goals.
+        ConfigError: if the model has no probabilities, or, of sets, too many goals; or for a rule
+            without sets of a goal.
         UnknownEntityError: for an entity that the graph lacks.
     """
     if wish.goal is not None and is_set_model(model):
-        return suggest_recipes(model, wish.goal, top, has_coverage=has_coverage, new_only=True)
+        return suggest_sets(
+            model, wish.goal, top, has_coverage=has_coverage, new_only=new_only, rule=rule
+        )
+    if rule is not None:
+        raise ConfigError(
+            "`rule` chooses among the sets of a goal, by a model of sets; expected such a model "
+            "and `goal`. Leave `rule` out."
+        )
     graph = model.opened.graph
     wish.check(graph)
     steps = layers(graph, wish.table) if wish.table else None

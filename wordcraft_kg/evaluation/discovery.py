@@ -19,7 +19,7 @@ from wordcraft_kg.agents.discovery import (
 from wordcraft_kg.base import ConfigError, Count, Hash, Record
 from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.envs.open_ended import Discovery
-from wordcraft_kg.graphs import Ids, RecipeGraph, is_in
+from wordcraft_kg.graphs import Ids, RecipeGraph
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
@@ -75,16 +75,17 @@ def open_guide(folder: str | Path, graph: RecipeGraph) -> Guide:
     if not isinstance(whole_of(scorer), RecipeScorer):
         raise ConfigError(f"`scorer` {folder}: expected a model from train-recipes.")
     recipes = for_labels(folder, scorer, graph.entities)
-    world_recipes = recipes.rows[graph.recipes]
+    rows = recipes.rows[graph.recipes]
     # Ingredients in the order of ids of the scorer, as its own recipes have them.
-    world_recipes[:, :2].sort(axis=1)
-    train_recipes = recipes.scorer.recipes.numpy()
-    is_shared = is_in(world_recipes, train_recipes, len(recipes.scorer.entities))
-    train_pairs = {(a, b) for a, b, _ in train_recipes.tolist()}
-    pairs = [(a, b) for a, b, _ in world_recipes.tolist()]
-    agreeing = {pair for pair, shared in zip(pairs, is_shared.tolist(), strict=True) if shared}
-    contradicted = train_pairs.intersection(pairs) - agreeing
-    return Guide(Path(folder).name, recipes, int(is_shared.sum()), len(contradicted))
+    rows[:, :2].sort(axis=1)
+    world_recipes = set(map(tuple, rows.tolist()))
+    train_recipes = set(map(tuple, recipes.scorer.recipes.tolist()))
+    shared = world_recipes & train_recipes
+    world_pairs, train_pairs, shared_pairs = (
+        {recipe[:2] for recipe in part} for part in (world_recipes, train_recipes, shared)
+    )
+    contradicted = (world_pairs & train_pairs) - shared_pairs
+    return Guide(Path(folder).name, recipes, len(shared), len(contradicted))
 
 
 class KnownEntities(Record):

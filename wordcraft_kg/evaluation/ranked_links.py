@@ -174,7 +174,11 @@ def rank_links(
         everything = opened.graph.triples
     queries = sampled(everything, max_queries // 2, seed) if max_queries else everything
     if len(queries) < MIN_TRIPLES:
-        raise SplitError(_too_few(len(queries), opened, kg))
+        triples = "triples in the whole graph" if kg == "full" else "unseen test triples"
+        raise SplitError(
+            f"only {len(queries)} {triples}; a meaningful metric needs at least {MIN_TRIPLES}. "
+            "Use a recipe book with more recipes, or build the graph with a smaller `train_ratio`."
+        )
     ranks = rank_triples(scorer, queries, opened.graph.triples)
     return RankedLinks(
         scorer,
@@ -186,19 +190,6 @@ def rank_links(
         train_sample or opened.train_sample(kg),
         made_by_other_books,
     )
-
-
-def _too_few(count: int, opened: OpenedGraph, kg: TrainedOn) -> str:
-    rule = f"a meaningful metric needs at least {MIN_TRIPLES}."
-    if kg == "full":
-        more = "Use a recipe book with more recipes."
-        return f"only {count} triples in the whole graph; {rule} {more}"
-    # A smaller ratio helps only if the ratio is not small yet.
-    ratio = "or use a recipe book with more recipes"
-    if opened.split.config.train_ratio > 0.7:
-        ratio = "such as 0.7"
-    remedy = f"Build the graph with a smaller `train_ratio`, {ratio}."
-    return f"only {count} unseen test triples; {rule} {remedy}"
 
 
 def labelled(graph: RecipeGraph, ranks: pd.DataFrame) -> pd.DataFrame:

@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import get_args
 
@@ -405,22 +406,18 @@ def _suggestion(
     return Suggestion(labels, goal, float(np.exp(score)), split_part, tuple(support))
 
 
+# Two splits, since tests and notebooks open several; a list of suggestions asks for many recipes.
+@lru_cache(maxsize=2)
+def _parts_of_recipes(split: Split) -> dict[Recipe, Part]:
+    """Return the part of a split that has each recipe, by its labels."""
+    recipes = split.graph.recipe_labels()
+    names = get_args(Part)
+    return {recipe: names[part] for recipe, part in zip(recipes, split.parts, strict=True)}
+
+
 def _known(split: Split, ingredients: Sequence[str], result: str) -> Known:
     """Return the part of a split that has a recipe, or ``new``."""
-    graph = split.graph
-    if not all(label in graph for label in (*ingredients, result)):
-        return "new"
-    width = graph.sets.shape[1] - 1
-    if len(ingredients) > width:
-        return "new"
-    row = np.full((1, width + 1), graph.num_entities)
-    row[0, : len(ingredients)] = sorted(graph.ids_of(ingredients))
-    row[0, -1] = graph.id_of(result)
-    number = int(graph.rows_of(row)[0])
-    if number < 0:
-        return "new"
-    part: Part = get_args(Part)[split.parts[number]]
-    return part
+    return _parts_of_recipes(split).get(Recipe(ingredients, result), "new")
 
 
 # --- recipes that the book lacks ------------------------------------------------------------------
@@ -615,10 +612,11 @@ def _made(split: Split, steps: Ids) -> list[Suggestion]:
     _, rows = np.unique(results[is_first], return_index=True)
     rows = np.flatnonzero(is_first)[rows]
     rows = rows[np.argsort(from_start[results[rows]], kind="stable")]
+    names = get_args(Part)
     suggestions = []
-    for recipe in graph.recipe_labels(graph.sets[rows]):
-        step = int(from_start[graph.id_of(recipe.result)])
-        part = _known(split, recipe.ingredients, recipe.result)
+    for row, recipe in zip(rows, graph.recipe_labels(graph.sets[rows]), strict=True):
+        part = names[split.parts[row]]
+        step = int(from_start[results[row]])
         suggestions.append(Suggestion(recipe.ingredients, recipe.result, 1.0, part, (), step))
     return suggestions
 

@@ -328,9 +328,8 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         trainer = self.config.trainer
         log_every = self._in_updates(trainer.log_every)
         checkpoint_every = self._in_updates(trainer.checkpoint_every)
-        eval_every = self._in_updates(trainer.eval_every)
-        if not trainer.eval_every:
-            eval_every = trainer.updates
+        # Without learning curves, there is a point at the end alone.
+        eval_every = self._in_updates(trainer.eval_every) if trainer.eval_every else trainer.updates
         # Where a recipe scorer's loops use the threads, torch's own would only wait, and waiting
         # takes the processor's time from the loops.
         threads = 1 if self.impala.scores_ahead else trainer.threads

@@ -65,11 +65,9 @@ class PolicyPlayer:
         # The same for all states, and costly: vectors of all entities.
         weights = self.policy.weights()
         device = next(self.policy.parameters()).device
-        batches = [
-            states.rows(start, start + ROWS, device) for start in range(0, state.num_envs, ROWS)
-        ]
         slot_batches = []
-        for batch in batches:
+        for start in range(0, state.num_envs, ROWS):
+            batch = states.rows(start, start + ROWS, device)
             scores = self.policy.external_scores(batch, self.silent)
             slot_batches.append(self.policy.best_slots(batch, weights, scores))
         slots = torch.cat(slot_batches)

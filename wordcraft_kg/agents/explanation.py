@@ -144,13 +144,10 @@ class ExplainedStep(Record):
         best_first = sorted(self.slots, key=lambda slot: -slot.logit)
         for slot in best_first:
             evidence = slot.evidence
-            if evidence is None:
-                continue
-            if not (evidence.because or evidence.outside or evidence.plan):
-                continue
-            # The same pair supports both of its slots; the slot with the higher logit comes first.
-            pair = frozenset((slot.entity, evidence.partner))
-            pairs.setdefault(pair, (slot.entity, evidence))
+            if evidence is not None and (evidence.because or evidence.outside or evidence.plan):
+                # The same pair supports both of its slots; that with the higher logit comes first.
+                pair = frozenset((slot.entity, evidence.partner))
+                pairs.setdefault(pair, (slot.entity, evidence))
         return list(pairs.values())[:limit]
 
 
@@ -447,9 +444,9 @@ class Explainer:
             return "no_scorer", None, np.zeros_like(is_train)
         if self._kg == "none":
             return "no_recipes", None, np.zeros_like(is_train)
+        if folds is None and self._kg == "full":
+            return "all_recipes", None, self._known(np.ones_like(is_train), 0)
         if folds is None:
-            if self._kg == "full":
-                return "all_recipes", None, self._known(np.ones_like(is_train), 0)
             return "train_recipes", None, self._known(is_train, 0)
         seen_recipes = seen_by_models(folds)
         # Model 0 is that of all train recipes, model i + 1 lacks fold i, the last one is no model.
@@ -677,9 +674,9 @@ def _slots(
     rows = []
     for i, label in labels.items():
         sources = dict(zip(names, values[:, i].tolist(), strict=True))
-        contributions = {}
-        for name, weight in zip(names, lambdas, strict=True):
-            contributions[name] = weight * sources[name]
+        contributions = {
+            name: weight * sources[name] for name, weight in zip(names, lambdas, strict=True)
+        }
         rows.append(
             ExplainedSlot(
                 entity=label,

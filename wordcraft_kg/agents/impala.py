@@ -337,11 +337,10 @@ class Impala:
         acting = {name: tensor.detach() for name, tensor in weights.items()}
         if not self.config.policy_lag:
             return acting
-        snapshot = {}
-        for name, tensor in acting.items():
-            # Contiguous, as in a checkpoint: products with a transposed tensor round differently,
-            # and a resumed training would end with other bits.
-            snapshot[name] = tensor.clone(memory_format=torch.contiguous_format)
+        # Contiguous, as in a checkpoint: products with a transposed tensor round differently, and a
+        # resumed training would end with other bits.
+        layout = torch.contiguous_format
+        snapshot = {name: tensor.clone(memory_format=layout) for name, tensor in acting.items()}
         self._snapshots.append(snapshot)
         return self._snapshots[0]
 
@@ -453,9 +452,7 @@ class Impala:
                     sizes = f"{tuple(state[name].shape)}; expected {tuple(tensor.shape)}"
                     raise RuntimeError(f"{name} has the size {sizes}")
                 tensor.copy_(state[name])
-        saved = {}
-        for name in self.envs.saved():
-            saved[name] = state[f"engine.{name}"].numpy()
+        saved = {name: state[f"engine.{name}"].numpy() for name in self.envs.saved()}
         self.envs = self.envs.restored(saved)
         self._snapshots.clear()
         snapshots: dict[int, Weights] = {}

@@ -110,20 +110,15 @@ class RecipeDiscoverer(BestPairDiscoverer):
         if row < self._own:
             self._is_known[row] = True
         self._score(row, partners)
-        results = []
-        scores = []
-        for partner in partners.tolist():
-            results_of_pair, scores_of_pair = self._scored[_ordered(row, partner)]
-            results.append(results_of_pair)
-            scores.append(scores_of_pair)
+        scored = [self._scored[_ordered(row, partner)] for partner in partners.tolist()]
+        results, scores = zip(*scored, strict=True)
         partner_ids = torch.from_numpy(partners)
-        is_foreign = row >= self._own
-        foreign_partners = partners >= self._own
+        num_foreign = float(row >= self._own) + (partners >= self._own)
         # In the order of `PRIOR`, without its second feature.
         fixed = [
             np.ones(len(partners)),
             self._uses[row] + self._uses[partners],
-            float(is_foreign) + foreign_partners,
+            num_foreign,
             self._knowledge.word_cosines(row, partner_ids).numpy(),
             self._knowledge.have_recipes(row, partner_ids).numpy(),
             partners == row,

@@ -33,6 +33,7 @@ from wordcraft_kg.models.policies.states import States
 try:
     from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
     from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
+    from stable_baselines3.common.vec_env import VecEnv
 except ImportError:
     raise missing_extra("interop", ["stable-baselines3", "sb3-contrib"]) from None
 
@@ -283,11 +284,6 @@ def _check_tasks(task: spaces.Space[Any] | None, network: Policy) -> None:
             f"{task.n - 1:,}. Make the policy with the `tasks` in this environment's world."
         )
 
-
-try:
-    from stable_baselines3.common.vec_env import VecEnv
-except ImportError:
-    raise missing_extra("interop", ["stable-baselines3"]) from None
 
 Indices = None | int | Iterable[int]
 _NOT_READ = (

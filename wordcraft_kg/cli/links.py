@@ -38,7 +38,7 @@ from wordcraft_kg.models.scorers.score_limits import MAX_QUERIES
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.links import LinkView
     from wordcraft_kg.evaluation.scores import ScoredAnswer
-    from wordcraft_kg.evaluation.suggestions import SetSupport, Suggestion, Suggestions, Wish
+    from wordcraft_kg.evaluation.suggestions import Suggestion, Suggestions, Wish
     from wordcraft_kg.graphs import RecipeGraph, TrainedOn
     from wordcraft_kg.models.model import Model
     from wordcraft_kg.models.scorers.ranking import RankingMetrics
@@ -643,7 +643,7 @@ def suggestion_lines(view: "Suggestions") -> Iterator[str]:
     if view.analogies:
         yield "no known entity fits:"
     for analogy in view.analogies:
-        yield f"  {' + '.join(analogy.ingredients)} -> ?   as {_recipe_of(analogy.like)}"
+        yield f"  {' + '.join(analogy.ingredients)} -> ?   as {analogy.like}"
     if view.trained_on == "full":
         yield "The model was trained on all recipes, test recipes included."
 
@@ -659,9 +659,5 @@ def _suggestion_rows(suggestions: "Sequence[Suggestion]") -> Iterator[str]:
     for line, suggestion in zip(lines, suggestions, strict=True):
         yield line
         if suggestion.because:
-            supports = (f"{_recipe_of(near)} ({near.strength:.2g})" for near in suggestion.because)
+            supports = (f"{near} ({near.strength:.2g})" for near in suggestion.because)
             yield f"{'':11}  because {', '.join(supports)}"
-
-
-def _recipe_of(support: "SetSupport") -> str:
-    return f"{' + '.join(support.ingredients)} -> {support.result}"

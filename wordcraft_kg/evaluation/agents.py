@@ -710,10 +710,10 @@ def view_evaluation(
     by_goal = None
     labels = trained.made_by_other_books
     if labels is not None:
-        by_goal = {}
-        for amount, result in results.items():
-            slices = slices_of(trained, world.tasks, [result], labels)
-            by_goal[str(amount)] = slices.get("other_book", ())
+        by_goal = {
+            str(amount): slices_of(trained, world.tasks, [result], labels).get("other_book", ())
+            for amount, result in results.items()
+        }
     scores = None
     if agent == "kg-only":
         scores = (

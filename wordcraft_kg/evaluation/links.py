@@ -9,12 +9,8 @@ import pandas as pd
 import torch
 from numpy.typing import NDArray
 
-from wordcraft_kg.agents import players
-from wordcraft_kg.agents.evaluation import PlayerSuccess, play_all
-from wordcraft_kg.base import Count, Record, Share, WordCraftKGError, quoted
+from wordcraft_kg.base import Count, Record, Share, quoted
 from wordcraft_kg.base.statistics import bootstrap, cluster_interval, wilson_interval
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.evaluation.agent_metrics import (
     OPEN_END,
     Bounds,
@@ -323,13 +319,8 @@ def comparisons_of(links: RankedLinks, seed: int) -> tuple[BaselineComparison, .
             verdict = "above"
         elif high < 0:
             verdict = "below"
-        row = BaselineComparison(
-            baseline=name,
-            difference=float(difference.mean()),
-            ci=(low, high),
-            verdict=verdict,
-        )
-        rows.append(row)
+        mean = float(difference.mean())
+        rows.append(BaselineComparison(name, mean, (low, high), verdict))
     return tuple(rows)
 
 
@@ -404,9 +395,8 @@ def listed_triples(links: RankedLinks, *, ascending: bool) -> tuple[RankedTriple
     order = order[~ends.assign(relation=order["relation"]).duplicated()]
     fields = list(RankedTriple.__struct_fields__)
     shown = labelled(links.graph, order.head(LISTED))[fields]
-    # Lists of plain numbers: a record of NumPy numbers has no JSON form.
-    columns = [shown[name].tolist() for name in shown]
-    return tuple(RankedTriple(*row) for row in zip(*columns, strict=True))
+    # Rows of plain numbers: a record of NumPy numbers has no JSON form.
+    return tuple(RankedTriple(**row) for row in shown.to_dict("records"))
 
 
 def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
@@ -436,32 +426,6 @@ def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
             if np.isfinite(score):
                 pairs.append(ScoredPair(graph.entities[head], name, graph.entities[tail], score))
     return tuple(pairs)
-
-
-def play_by_scores(links: RankedLinks, seed: int) -> tuple[PlayerSuccess, ...]:
-    """Evaluate players that choose by the scores alone, on test tasks of one recipe.
-
-    Tables have 1 and 8 distractors. Rows by goals of another book are those of the best pair and of
-    nearest words, which knows no book.
-    """
-    try:
-        words = players.words_player(links.graph, players.knowledge_of(links.scorer))
-        playing = {
-            **players.scorer_players(links.graph, links.scorer, links.trained_on),
-            "random": players.random_entity,
-            players.FEWEST_USES: players.fewest_uses(links.opened.split),
-            **words,
-            "recipe oracle": players.recipe_oracle,
-        }
-        world = World(links.opened, WordCraftConfig(part="test"))
-        groups = goal_groups(links.graph, world.tasks.goals, links.made_by_other_books)
-        rows = play_all(world, playing, (1, 8), seed=seed, groups=groups)
-        grouped = (players.BEST_PAIR, *words)
-        return tuple(row for row in rows if not row.goals or row.player in grouped)
-    except WordCraftKGError:
-        # Without test tasks, with too few entities for distractors, or with a scorer that fails the
-        # checks: the ranks are valid without play.
-        return ()
 
 
 FEW_TEST_RECIPES = 50
@@ -561,7 +525,6 @@ class LinkView(Record):
         drill_down: metrics for groups of queries.
         best, worst: the best-ranked and the worst-ranked queries.
         perhaps_missing: the best-scored triples outside the graph, perhaps missing recipes.
-        kg_play: success rates for players that choose by the scores alone.
         trace: a row for each training epoch.
         provenance: facts about the training, by name.
     """
@@ -589,7 +552,6 @@ class LinkView(Record):
     best: tuple[RankedTriple, ...]
     worst: tuple[RankedTriple, ...]
     perhaps_missing: tuple[ScoredPair, ...]
-    kg_play: tuple[PlayerSuccess, ...]
     trace: tuple[TraceRow, ...]
     provenance: dict[str, str]
 
@@ -609,7 +571,7 @@ def view_links(
         name: the model's name in the report.
         provenance: facts about the training; None for none.
         trace: a row for each training epoch.
-        seed: seed of the bootstrap and of the players.
+        seed: seed of the bootstrap.
 
     Returns:
         The numbers, for :func:`~wordcraft_kg.reports.link_report.make_link_report`.
@@ -657,7 +619,6 @@ def view_links(
         best=listed_triples(links, ascending=True),
         worst=listed_triples(links, ascending=False),
         perhaps_missing=perhaps_missing_of(links) if links.has_table else (),
-        kg_play=play_by_scores(links, seed) if links.has_table else (),
         trace=tuple(trace),
         provenance=dict(provenance or {}),
     )

@@ -93,6 +93,9 @@ class SetSupport(Record):
     result: str
     strength: Share
 
+    def __str__(self) -> str:
+        return f"{' + '.join(self.ingredients)} -> {self.result}"
+
 
 class Suggestion(Record):
     """A recipe.
@@ -673,13 +676,6 @@ TICKS = ("x", "yes", "y", "1", "true")
 """Cells that accept a recipe, in any case; all others leave it out."""
 
 
-def because_cell(suggestion: Suggestion) -> str:
-    """Return the nearest known recipe as the text of a cell, or an empty one."""
-    for near in suggestion.because[:1]:
-        return f"{' + '.join(near.ingredients)} -> {near.result}"
-    return ""
-
-
 def check_new_table(out: Path) -> None:
     """Check, before any work, that a table can be written.
 
@@ -730,7 +726,8 @@ def table_lines(suggestions: Sequence[Suggestion], delimiter: str = ",") -> Iter
     for suggestion in suggestions:
         empty = [""] * (width - len(suggestion.ingredients))
         probability = f"{suggestion.probability:.3f}"
-        further_cells = (probability, because_cell(suggestion), "")
+        nearest_recipe = str(suggestion.because[0]) if suggestion.because else ""
+        further_cells = (probability, nearest_recipe, "")
         cells = (*suggestion.ingredients, *empty, suggestion.result, *further_cells)
         yield csv_line(cells, delimiter)
 

@@ -297,7 +297,13 @@ DISCOVERERS = {
     ),
 }
 """Short descriptions of the players, by name."""
-GUIDED = ("recipe-learner", "book-votes")
+_NEEDS = {
+    "recipe-learner": (
+        "`scorer` from `wordcraft-kg train-recipes`, of any book: a trained model folder"
+    ),
+    "book-votes": "`book`: a book whose recipes it knows",
+}
+GUIDED = tuple(_NEEDS)
 """Players that need a trained model or another book."""
 
 
@@ -337,13 +343,8 @@ def make_discoverers(
     players = {}
     for name in names:
         one_of("players", name, tuple(DISCOVERERS))
-        if name == "book-votes" and book is None:
-            raise ConfigError("player 'book-votes' needs a `book`: a book whose recipes it knows.")
         if name not in makers:
-            raise ConfigError(
-                f"player '{name}' needs a `scorer` from `wordcraft-kg train-recipes`, of any book: "
-                "a trained model folder."
-            )
+            raise ConfigError(f"player '{name}' needs a {_NEEDS[name]}.")
         players[name] = makers[name]()
     return players
 

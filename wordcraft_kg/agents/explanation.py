@@ -232,6 +232,10 @@ class Explainer:
     Explanations use double precision, so contributions add up to the logit, and probabilities to 1,
     within 1e-9. The policy is copied, so other tasks may be set in the original.
 
+    Attributes:
+        world: the world with the tasks.
+        tables: the starting tables of evaluations.
+
     Example:
         >>> agent = open_agent("runs/kitchen")
         >>> world = World(agent.opened, agent.config.tasks.environment("test"))
@@ -285,7 +289,7 @@ class Explainer:
         with torch.no_grad():
             self._weights = self._policy.weights()
             self._exact_weights = self._exact.weights()
-        self._tables = EvaluationTables(world)
+        self.tables = EvaluationTables(world)
 
     def episode(self, task: int, distractor_seed: int = 0) -> ExplainedEpisode:
         """Play and explain a task (index) on an evaluation table.
@@ -293,7 +297,7 @@ class Explainer:
         Raises:
             ConfigError: if there is no such task or table, or the policy has other slots.
         """
-        return self._played(self._of_task(task, self.drawn(task, distractor_seed)))
+        return self._played(self._of_task(task, self.tables.table(task, distractor_seed)))
 
     def task(self, task: int, distractor_seed: int = 0) -> ExplainedTable:
         """Return an :meth:`episode` with the plans at its table and the model behind its scores.
@@ -301,7 +305,7 @@ class Explainer:
         Raises:
             ConfigError: if there is no such task or table, or the policy has other slots.
         """
-        return self._explained(self._of_task(task, self.drawn(task, distractor_seed)))
+        return self._explained(self._of_task(task, self.tables.table(task, distractor_seed)))
 
     def table(
         self,
@@ -352,14 +356,6 @@ class Explainer:
             if tasks.goals[like] == target and {*start} <= {*ids}:
                 return self._explained(self._of_task(like, ids)._replace(selection=selected))
         return self._explained(self._of_table(target, ids)._replace(selection=selected))
-
-    def drawn(self, task: int, distractor_seed: int = 0) -> list[int]:
-        """Return the entity ids on an evaluation table; see :meth:`episode`.
-
-        Raises:
-            ConfigError: if there is no such task or table.
-        """
-        return self._tables.table(task, distractor_seed)
 
     def _of_task(self, task: int, table: list[int]) -> _Query:
         tasks = self.world.tasks

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -65,6 +65,7 @@ from wordcraft_kg.evaluation.agent_metrics import (
     training_metrics,
 )
 from wordcraft_kg.graphs import OpenedGraph, TaskPart, TrainedOn
+from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.policies.sources import shown_setting, with_letters
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 
@@ -565,10 +566,6 @@ def _episodes(agent: OpenedAgent, world: World, episodes: int) -> tuple[Explaine
     return explain_episodes(agent.policy, world, episodes=episodes, outside=agent.outside)
 
 
-if TYPE_CHECKING:
-    from wordcraft_kg.models.model import Model
-
-
 @dataclass(frozen=True)
 class ExternalPlayer:
     """A player outside of this process, such as a program that plays by text.
@@ -813,7 +810,7 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
     graph: str,
     config: WordCraftConfig,
     distractors: Sequence[int],
-    model: "tuple[str, Model] | None" = None,
+    model: tuple[str, Model] | None = None,
     distractor_seeds: int | None = None,
     seed: int = 0,
     limit: int = MOST_TASKS,

@@ -321,7 +321,10 @@ def compare(
     # Also of a model of the full graph the test triples are ranked.
     ranked = []
     for contender in contenders:
-        ranks = [rank_links(run.scorer, run.opened, seed=seed) for run in contender.runs]
+        ranks = [
+            rank_links(run.scorer, run.opened, max_queries=MAX_QUERIES, seed=seed)
+            for run in contender.runs
+        ]
         ranked.append(_averaged(contender, ranks))
     # All models have the same queries, and so the same clusters.
     shared = ranks[0]

@@ -467,7 +467,10 @@ def suggest(
     if is_set_model(model):
         listed = _likely_sets(model, wish, steps, top, has_coverage=has_coverage)
     else:
-        finder = finder_of(model)
+        # Test recipes are in the book, too.
+        finder = RecipeFinder.of(
+            model.scorer, graph.recipes, allows_self_results=graph.has_self_results
+        )
         recipes = likely_pairs(finder, wish, graph, steps)
         rows = varied(recipes.rows.tolist(), top, {graph.id_of(label) for label in wish.labels})
         listed = [
@@ -492,16 +495,6 @@ def suggest(
         tuple(known_steps[:top]),
         len(known_steps),
     )
-
-
-def finder_of(model: Model) -> RecipeFinder:
-    """Return the finder of recipes of pairs that the whole book lacks, test recipes included.
-
-    Raises:
-        ConfigError: if the model has no probabilities.
-    """
-    graph = model.opened.graph
-    return RecipeFinder.of(model.scorer, graph.recipes, allows_self_results=graph.has_self_results)
 
 
 def likely_pairs(

@@ -471,8 +471,7 @@ class AgentConfig(RunConfig):
         preset = ImpalaConfig(preset=self.trainer.preset)
         policy = PolicyConfig(self.policy.policy, use=self.policy.use)
         followed = AgentConfig("", self.scorer, self.tasks, policy, preset).values()
-        for name in PAPER:
-            default[name] = followed[name]
+        default |= {name: followed[name] for name in PAPER}
         default["policy"] = AgentConfig("", trainer=preset).policy.policy
         values = self.values()
         return {name: value for name, value in values.items() if default.get(name) != value}

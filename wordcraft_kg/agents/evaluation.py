@@ -1,6 +1,6 @@
 """Evaluation of policies and players on all tasks in a part of the split, on fixed tables."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -149,7 +149,7 @@ class Evaluator:
         world: World,
         *,
         distractor_seeds: int | None = None,
-        limit: int | None = MOST_TASKS,
+        limit: int = MOST_TASKS,
         seed: int = EVALUATION_SEED,
     ):
         """Create an environment for each of at most ``limit`` tasks.
@@ -158,16 +158,14 @@ class Evaluator:
             world: graph, tasks and settings.
             distractor_seeds: tables per task; None for
                 :func:`~wordcraft_kg.envs.draws.default_seeds`.
-            limit: most tasks; of more, evenly spaced ones are played. None for no limit.
+            limit: most tasks; of more, evenly spaced ones are played.
             seed: draws the tables.
 
         Raises:
             ConfigError: if ``distractor_seeds`` or ``limit`` is below 1, or the episodes do not fit
                 into memory.
         """
-        if limit is not None:
-            whole("limit", limit, 1)
-        self.tasks = sampled_tasks(world, limit)
+        self.tasks = sampled_tasks(world, whole("limit", limit, 1))
         warn_of_sample(world, self.tasks, limit)
         if distractor_seeds is None:
             distractor_seeds = default_seeds(len(world.tasks))
@@ -369,47 +367,37 @@ def play_all(
             rng = np.random.default_rng([seed, amount])
             stage = f"playing {name}, {counted(amount, 'distractor')}"
             result = evaluator(player, rng, stage)
-            rows += success_rows(name, amount, result.success, result.by_plan, result.groups, masks)
+            rows += success_rows(name, amount, result, masks)
     return tuple(rows)
 
 
 def success_rows(
     name: str,
     distractors: int,
-    success: NDArray[np.bool_],
-    by_plan: NDArray[np.bool_],
-    clusters: Ids,
+    result: Evaluation,
     groups: Mapping[str, NDArray[np.bool_]],
-) -> list[PlayerSuccess]:
-    """Return the rows of a player that has played N tasks on D tables each.
+) -> Iterator[PlayerSuccess]:
+    """Yield the rows of a player that has played N tasks: for all tasks, then for each group.
 
     Args:
         name: the player's name.
         distractors: distractors on each table.
-        success: shape (N, D): whether the goal was made.
-        by_plan: shape (N, D): whether a plan's last pair made the goal.
-        clusters: shape (N,): each task's resampling group, see :attr:`World.groups`.
+        result: the player's outcomes.
         groups: groups of goals by name, masks of shape (N,); those without tasks have no row.
-
-    Returns:
-        A row for all tasks, then one for each group.
     """
-    rows = []
-    masks = {"": np.ones(len(success), dtype=bool), **groups}
-    for group, mask in masks.items():
+    everything = {"": np.ones(len(result.tasks), dtype=bool)}
+    for group, mask in {**everything, **groups}.items():
         if not mask.any():
             continue
-        low, high = task_bootstrap(success[mask], clusters[mask])
-        rows.append(
-            PlayerSuccess(
-                player=name,
-                distractors=distractors,
-                episodes=success[mask].size,
-                success=float(success[mask].mean()),
-                low=low,
-                high=high,
-                by_plan=float(by_plan[mask].mean()),
-                goals=group,
-            )
+        success = result.success[mask]
+        low, high = task_bootstrap(success, result.groups[mask])
+        yield PlayerSuccess(
+            player=name,
+            distractors=distractors,
+            episodes=success.size,
+            success=float(success.mean()),
+            low=low,
+            high=high,
+            by_plan=float(result.by_plan[mask].mean()),
+            goals=group,
         )
-    return rows

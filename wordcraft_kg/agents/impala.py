@@ -152,7 +152,7 @@ class Impala:
         self._parameters = [
             parameter for parameter in policy.parameters() if parameter.requires_grad
         ]
-        self._flat = self._flattened()
+        self._flat, self._gradient = self._flattened()
         self.optimizer = torch.optim.RMSprop(
             [self._flat],
             lr=config.first_rate,
@@ -214,22 +214,23 @@ class Impala:
             return 3.0
         return 1.0 if self.policy.config.policy == "pairs" else 0.3
 
-    def _flattened(self) -> nn.Parameter:
-        """Make all parameters and gradients views of one flat tensor each.
+    def _flattened(self) -> tuple[nn.Parameter, Tensor]:
+        """Make all parameters and gradients views of one flat tensor each, and return the two.
 
         So an optimiser step, a gradient norm and a check for NaN take a few calls, not hundreds.
         """
         pieces = [parameter.detach().reshape(-1) for parameter in self._parameters]
         flat = nn.Parameter(torch.cat(pieces))
-        flat.grad = torch.zeros_like(flat)
+        flat_gradient = torch.zeros_like(flat)
+        flat.grad = flat_gradient
         sizes = [len(piece) for piece in pieces]
         values = flat.data.split(sizes)
-        gradients = flat.grad.split(sizes)
+        gradients = flat_gradient.split(sizes)
         for parameter, value, gradient in zip(self._parameters, values, gradients, strict=True):
             parameter.data = value.view_as(parameter)
             # `backward` adds to an existing gradient in place, and so writes into the flat tensor.
             parameter.grad = gradient.view_as(parameter)
-        return flat
+        return flat, flat_gradient
 
     def _empty_unroll(self) -> _Unroll:
         """Allocate the tensors of an unroll, which every update overwrites."""
@@ -292,10 +293,9 @@ class Impala:
         ahead: Future[Tensor | None] | None = None
         if self.scores_ahead and self.update_number + 1 < self.config.updates:
             ahead = self._ahead.submit(self.policy.external_scores, self._states())
-        assert self._flat.grad is not None
         try:
             # Gradients flow through `weights` into the views of the flat gradient.
-            self._flat.grad.zero_()
+            self._gradient.zero_()
             losses, last = self._learn(weights, self._unroll, is_cut)
             # Copied, because a compiled learner reuses its output tensors.
             details = _Last(last.log_rhos.clone(), last.lambdas.clone())
@@ -312,17 +312,16 @@ class Impala:
         Raises:
             TrainingError: if the loss is not finite, on the CPU; then parameters are unchanged.
         """
-        assert self._flat.grad is not None
         losses.loss.backward()
 
         # Clip the norm of all gradients together, as `clip_grad_norm_` does.
-        norm = self._flat.grad.norm()
+        norm = self._gradient.norm()
         # Checked only on the CPU: on a device a check would wait for all pending work, so
         # take_metrics and state check there.
         if self.device.type == "cpu" and not math.isfinite(norm.item()):
             raise TrainingError(self._not_finite())
         scale = self.config.clip / (norm + 1e-6)
-        self._flat.grad.mul_(scale.clamp(max=1))
+        self._gradient.mul_(scale.clamp(max=1))
 
         # The learning rate decays linearly to 0 at the end of training.
         remaining = max(0, 1 - self.update_number / self.config.updates)
@@ -373,12 +372,9 @@ class Impala:
         updates = max(sums["updates"], 1)
         metrics: dict[str, float | None] = {name: sums[name] / updates for name in LOSSES}
         metrics["entropy"] = sums["entropy"] / updates / self.config.steps_per_update
-        metrics["return"] = None
-        metrics["success"] = None
         episodes = sums["episodes"]
-        if episodes:
-            metrics["return"] = sums["rewards"] / episodes
-            metrics["success"] = sums["successes"] / episodes
+        metrics["return"] = sums["rewards"] / episodes if episodes else None
+        metrics["success"] = sums["successes"] / episodes if episodes else None
         if self._last is None:
             return metrics
         ratios = self._last.log_rhos.exp()

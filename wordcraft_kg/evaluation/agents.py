@@ -900,5 +900,5 @@ def _external_rows(
     rows: list[PlayerSuccess] = []
     for world, result in zip(worlds, results, strict=True):
         amount = world.config.num_distractors
-        rows += success_rows(name, amount, result.success, result.by_plan, result.groups, {})
+        rows += success_rows(name, amount, result, {})
     return tuple(rows)

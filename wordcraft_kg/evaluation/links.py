@@ -396,7 +396,7 @@ def listed_triples(links: RankedLinks, *, ascending: bool) -> tuple[RankedTriple
     fields = list(RankedTriple.__struct_fields__)
     shown = labelled(links.graph, order.head(LISTED))[fields]
     # Rows of plain numbers: a record of NumPy numbers has no JSON form.
-    return tuple(RankedTriple(**row) for row in shown.to_dict("records"))
+    return msgspec.convert(shown.to_dict("records"), tuple[RankedTriple, ...])
 
 
 def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:

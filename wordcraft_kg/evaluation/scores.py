@@ -265,10 +265,13 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
             f"{path} is not UTF-8 (byte {error.start:,}). Save the file as UTF-8."
         ) from None
     lines = io.StringIO(text, newline="")
-    if "\t" in text.partition("\n")[0]:
-        reader = csv.reader(lines, delimiter="\t", quoting=csv.QUOTE_NONE, strict=True)
-    else:
-        reader = csv.reader(lines, strict=True)
+    is_tsv = "\t" in text.partition("\n")[0]
+    reader = csv.reader(
+        lines,
+        delimiter="\t" if is_tsv else ",",
+        quoting=csv.QUOTE_NONE if is_tsv else csv.QUOTE_MINIMAL,
+        strict=True,
+    )
     # A quoted cell may span lines, so the reader's line number is the last line of a row.
     begin = 1
     try:

@@ -207,11 +207,15 @@ class Evaluator:
             ActionError: if a player chooses a number that is not a slot.
         """
         shape = (len(self.tasks), self.distractor_seeds)
-        success = np.zeros(shape, dtype=bool)
-        by_plan = np.zeros(shape, dtype=bool)
-        actions = np.zeros(shape, dtype=np.int64)
-        terminations = np.zeros(shape, dtype=np.int8)
-        decisions = np.zeros(shape, dtype=np.int64)
+        result = Evaluation(
+            tasks=self.tasks,
+            groups=self.engine.world.groups[self.tasks],
+            success=np.zeros(shape, dtype=bool),
+            by_plan=np.zeros(shape, dtype=bool),
+            actions=np.zeros(shape, dtype=np.int64),
+            terminations=np.zeros(shape, dtype=np.int8),
+            decisions=np.zeros(shape, dtype=np.int64),
+        )
         engine = self.engine
         for distractor_seed in steps(stage, range(self.distractor_seeds)):
             state = engine.pose(self.tasks, distractor_seed, seed=self._seed)
@@ -223,22 +227,21 @@ class Evaluator:
                 slots = player(before, choices)
                 state, step = engine.step_once(before, slots)
                 picks = before.picked(slots)
-                actions[running, distractor_seed] += 1
-                success[:, distractor_seed] |= step.outcome == GOAL
-                by_plan[:, distractor_seed] |= step.by_plan
+                result.actions[running, distractor_seed] += 1
+                result.success[:, distractor_seed] |= step.outcome == GOAL
+                result.by_plan[:, distractor_seed] |= step.by_plan
                 is_attempt = running & before.has_selection() & ~state.has_selection()
                 # The picks as one number, equal for all orders.
                 set_number = np.zeros(len(self.tasks), dtype=np.int64)
                 for column in np.sort(picks, axis=1).T:
                     set_number = set_number * engine.nothing + column
                 # A polynomial of the sets in turn, so the order of attempts counts.
-                decisions[is_attempt, distractor_seed] *= _HASH_FACTOR
-                decisions[is_attempt, distractor_seed] += 1 + set_number[is_attempt]
+                result.decisions[is_attempt, distractor_seed] *= _HASH_FACTOR
+                result.decisions[is_attempt, distractor_seed] += 1 + set_number[is_attempt]
                 over = step.over
                 ended = np.where(step.outcome == GOAL, 0, self._termination(picks))
-                terminations[over, distractor_seed] = ended[over]
-        groups = engine.world.groups[self.tasks]
-        return Evaluation(self.tasks, groups, success, by_plan, actions, terminations, decisions)
+                result.terminations[over, distractor_seed] = ended[over]
+        return result
 
     def _termination(self, picks: Ids) -> NDArray[np.int64]:
         """Return an index into :data:`TERMINATION_REASONS` for each failed attempt."""

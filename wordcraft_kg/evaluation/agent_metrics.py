@@ -371,12 +371,11 @@ def source_gains(
     Returns:
         The gain by each source, by name, such as ``combines (u)``; empty without sources.
     """
-    success = _successes(results)
     gains = {}
     for source in policies[0].sources:
         played = [evaluator(PolicyPlayer(policy, silent=[source])) for policy in policies]
         without = _successes(played)
-        gain, low, high = paired_difference(success, without, results[0].groups)
+        gain, low, high = paired_difference(_successes(results), without, results[0].groups)
         gains[with_letters([source])] = SourceGain(float(without.mean()), gain, (low, high))
     return gains
 

@@ -311,12 +311,6 @@ def view_agents(
             evaluators[amount](PolicyPlayer(agent.policy)) for agent in groups[name]
         ]
     scorer_results = _scorers_alone(groups, evaluators)
-    gains = {}
-    for name, played_by in results.items():
-        # An agent that cannot play with the headline's distractors has no gains.
-        if headline in played_by:
-            policies = [agent.policy for agent in groups[name]]
-            gains[name] = source_gains(policies, evaluators[headline], played_by[headline])
     other_labels = _made_by_other_books(everyone)
     reference = next(iter(results.values()))
     graph = first.opened.graph
@@ -342,20 +336,19 @@ def view_agents(
             _entry(
                 name,
                 members,
-                world,
+                evaluators[headline],
                 results[name],
                 # The first agent has no difference to itself.
                 {} if results[name] is reference else reference,
                 scorer_results,
-                gains.get(name, {}),
                 other_labels,
             )
             for name, members in groups.items()
         ),
         baselines=tuple(_baselines(groups, evaluators, scorer_results)),
         episodes=tuple(
-            AgentEpisodes(name, of[0].name, _episodes(of[0], world, episodes))
-            for name, of in groups.items()
+            AgentEpisodes(name, members[0].name, _episodes(members[0], world, episodes))
+            for name, members in groups.items()
         ),
     )
 
@@ -509,14 +502,16 @@ def can_play(agent: OpenedAgent, distractors: int) -> bool:
 def _entry(
     name: str,
     members: list[OpenedAgent],
-    world: World,
+    evaluator: Evaluator,
     results: _Results,
     reference: _Results,
     scorers: _ScorersAlone,
-    gains: dict[str, SourceGain],
     made_by_other_books: frozenset[str] | None,
 ) -> AgentEntry:
+    world = evaluator.engine.world
+    # An agent that cannot play with the headline's distractors has neither gains nor slices.
     headline = results.get(world.config.num_distractors, [])
+    policies = [agent.policy for agent in members]
     config = members[0].config
     against_scorer: dict[int, AgainstScorer] = {}
     if members[0].policy.sources:
@@ -550,7 +545,7 @@ def _entry(
             for amount, runs in results.items()
         },
         outcomes={str(amount): outcomes_of(runs) for amount, runs in results.items()},
-        sources=gains,
+        sources=source_gains(policies, evaluator, headline) if headline else {},
         slices=slices_of(members[0], world.tasks, headline, made_by_other_books),
         curves=success_curves(members),
         lambdas=tuple(lambda_curves(members)),

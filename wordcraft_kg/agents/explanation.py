@@ -501,7 +501,7 @@ class Explainer:
             labels = dict(enumerate(graph.labels(table)))
             if world.has_combine and picks:
                 labels[room - 1] = ""
-            slots = _slots(self._names, output, labels, parts, evidence)
+            slots = tuple(_slots(self._names, output, labels, parts, evidence))
             selected = " + ".join(graph.labels(picks)) or None
             made_ids: list[int] = []
             if action < len(table):
@@ -654,7 +654,7 @@ def _slots(
     labels: Mapping[int, str],
     parts: set[str],
     evidence: Sequence[SlotEvidence | None],
-) -> tuple[ExplainedSlot, ...]:
+) -> Iterator[ExplainedSlot]:
     # The only state of the batch.
     own_logits = checked_logits(output.logits)[0]
     logits = own_logits.tolist()
@@ -667,21 +667,17 @@ def _slots(
     else:
         values = output.sources[0]
         lambdas = output.lambdas[0].tolist()
-    rows = []
     for i, label in labels.items():
         sources = dict(zip(names, values[:, i].tolist(), strict=True))
         contributions = {
             name: weight * sources[name] for name, weight in zip(names, lambdas, strict=True)
         }
-        rows.append(
-            ExplainedSlot(
-                entity=label,
-                is_part=label in parts,
-                sources=sources,
-                contributions=contributions,
-                logit=logits[i],
-                probability=probabilities[i],
-                evidence=evidence[i],
-            )
+        yield ExplainedSlot(
+            entity=label,
+            is_part=label in parts,
+            sources=sources,
+            contributions=contributions,
+            logit=logits[i],
+            probability=probabilities[i],
+            evidence=evidence[i],
         )
-    return tuple(rows)

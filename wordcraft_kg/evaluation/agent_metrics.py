@@ -443,12 +443,11 @@ def success_curves(members: Sequence[AgentRun]) -> dict[str, tuple[CurvePoint, .
     return curves
 
 
-def lambda_curves(members: Sequence[AgentRun]) -> list[LambdaCurve]:
-    """Return mean mixing weights λ over seeds, by score source and action.
+def lambda_curves(members: Sequence[AgentRun]) -> Iterator[LambdaCurve]:
+    """Yield mean mixing weights λ over seeds, by score source and action.
 
     A curve has about :data:`_CURVE_POINTS` points.
     """
-    curves = []
     actions: tuple[Literal["first", "second"], ...] = ("first", "second")
     # A source that the agents do not have has no rows, and so no curve.
     for source in (ALPHA.name, *source_names()):
@@ -457,8 +456,7 @@ def lambda_curves(members: Sequence[AgentRun]) -> list[LambdaCurve]:
             every = max(1, len(rows) // _CURVE_POINTS)
             points = [(step, float(np.mean(seeds))) for step, seeds in rows[::every]]
             if points:
-                curves.append(LambdaCurve(source, action, tuple(points)))
-    return curves
+                yield LambdaCurve(source, action, tuple(points))
 
 
 def training_metrics(members: Sequence[AgentRun]) -> dict[TrainingMetric, tuple[SeedCurve, ...]]:

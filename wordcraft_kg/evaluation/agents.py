@@ -862,7 +862,7 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
     external_rows: tuple[PlayerSuccess, ...] = ()
     if external is not None:
         worlds = [world.variant(num_distractors=amount) for amount in distractors]
-        external_rows = _external_rows(external, worlds, tables, limit)
+        external_rows = tuple(_external_rows(external, worlds, tables, limit))
     rows = play_all(
         world, scripted, distractors, distractor_seeds=tables, seed=seed, groups=groups, limit=limit
     )
@@ -886,14 +886,12 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
 
 def _external_rows(
     player: ExternalPlayer, worlds: Sequence[World], tables: int, limit: int
-) -> tuple[PlayerSuccess, ...]:
+) -> Iterator[PlayerSuccess]:
     kind, _, argument = player.name.partition(":")
     if kind not in EXTERNAL or not argument:
         kinds = ", ".join(f"{name}:COMMAND" for name in EXTERNAL) or "none here"
         raise ConfigError(f"`player` '{player.name[:100]}': expected {kinds}.")
     name, results = EXTERNAL[kind](player, worlds, tables, limit)
-    rows: list[PlayerSuccess] = []
     for world, result in zip(worlds, results, strict=True):
         amount = world.config.num_distractors
-        rows += success_rows(name, amount, result, {})
-    return tuple(rows)
+        yield from success_rows(name, amount, result, {})

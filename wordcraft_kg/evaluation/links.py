@@ -104,21 +104,20 @@ class Reliability(Record):
     bins: tuple[ReliabilityBin, ...]
 
 
-def reliability_of(links: RankedLinks) -> tuple[Reliability, ...]:
+def reliability_of(links: RankedLinks) -> Iterator[Reliability]:
     """Compare predicted probabilities with true triples outside training.
 
-    Returns:
-        A record for each relation and kind of pair; empty for a model without probabilities, of the
+    Yields:
+        A record for each relation and kind of pair; none for a model without probabilities, of the
         full graph, or of a graph too large to score all pairs.
     """
     scorer = folds_of(links.scorer)
     if links.is_full or not links.has_table or scorer is None or scorer.probabilities is None:
-        return ()
+        return
     graph = links.graph
     size = graph.num_entities
     every = torch.arange(size)
     is_self = np.eye(size, dtype=bool)
-    rows = []
     for relation, name in enumerate(RELATIONS):
         chances = scorer.probability(every[:, None], relation, every[None, :]).cpu().numpy()
         # Triples in training are no test: the scorer has seen that they are true.
@@ -138,24 +137,21 @@ def reliability_of(links: RankedLinks) -> tuple[Reliability, ...]:
             if not len(predicted):
                 continue
             observed = is_true[cells]
-            bins = _bins(predicted, observed)
+            bins = tuple(_bins(predicted, observed))
             errors = sum(row.triples * abs(row.probability - row.observed) for row in bins)
-            rows.append(
-                Reliability(
-                    relation=name,
-                    pairs=pairs,  # type: ignore[arg-type]
-                    triples=len(predicted),
-                    expected=float(predicted.sum()),
-                    observed=int(observed.sum()),
-                    base_rate=curve.rate,
-                    ece=errors / len(predicted),
-                    log_loss=_log_loss(predicted, observed),
-                    base_log_loss=_log_loss(np.full(len(predicted), curve.rate), observed),
-                    reason=curve.reason,
-                    bins=bins,
-                )
+            yield Reliability(
+                relation=name,
+                pairs=pairs,  # type: ignore[arg-type]
+                triples=len(predicted),
+                expected=float(predicted.sum()),
+                observed=int(observed.sum()),
+                base_rate=curve.rate,
+                ece=errors / len(predicted),
+                log_loss=_log_loss(predicted, observed),
+                base_log_loss=_log_loss(np.full(len(predicted), curve.rate), observed),
+                reason=curve.reason,
+                bins=bins,
             )
-    return tuple(rows)
 
 
 def _table(triples: Ids, relation: int, size: int) -> NDArray[np.bool_]:
@@ -166,7 +162,7 @@ def _table(triples: Ids, relation: int, size: int) -> NDArray[np.bool_]:
     return table
 
 
-def _bins(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> tuple[ReliabilityBin, ...]:
+def _bins(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> Iterator[ReliabilityBin]:
     # Bins of equal expected true triples, not of equal width or size: nearly all triples are very
     # improbable, and a bin without true triples says nothing about its share.
     order = np.argsort(predicted, kind="stable")
@@ -179,15 +175,13 @@ def _bins(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> tuple[R
     # Rounding can lift the last places to the number of bins.
     number = np.minimum(place.astype(np.int64), count - 1)
     starts = np.flatnonzero(np.diff(number)) + 1
-    rows = []
     for group in np.split(order, starts):
         size = len(group)
         true = int(is_true[group].sum())
         mean = float(predicted[group].mean())
         # Wilson's interval is valid for shares near 0, where the normal one reaches below 0.
         low, high = wilson_interval(true, size)
-        rows.append(ReliabilityBin(mean, true / size, low, high, size))
-    return tuple(rows)
+        yield ReliabilityBin(mean, true / size, low, high, size)
 
 
 def _log_loss(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> float:
@@ -299,7 +293,7 @@ class ScoredPair(Record):
     score: float
 
 
-def comparisons_of(links: RankedLinks, seed: int) -> tuple[BaselineComparison, ...]:
+def comparisons_of(links: RankedLinks, seed: int) -> Iterator[BaselineComparison]:
     """Compare a link predictor with each baseline by reciprocal ranks, the best baseline first.
 
     ``seed`` is the seed of the bootstrap.
@@ -309,7 +303,6 @@ def comparisons_of(links: RankedLinks, seed: int) -> tuple[BaselineComparison, .
     # The expectation over random orders, and not one order: its own luck would widen the interval.
     baselines["random"] = random_reciprocal_ranks(links.ranks)
     best_first = sorted(baselines, key=lambda name: -float(baselines[name].mean()))
-    rows = []
     for name in best_first:
         difference = reciprocal_ranks - baselines[name]
         means = bootstrap(difference, links.clusters, seed=seed)
@@ -320,8 +313,7 @@ def comparisons_of(links: RankedLinks, seed: int) -> tuple[BaselineComparison, .
         elif high < 0:
             verdict = "below"
         mean = float(difference.mean())
-        rows.append(BaselineComparison(name, mean, (low, high), verdict))
-    return tuple(rows)
+        yield BaselineComparison(name, mean, (low, high), verdict)
 
 
 def _reciprocal(ranks: pd.DataFrame) -> NDArray[np.float64]:
@@ -399,13 +391,12 @@ def listed_triples(links: RankedLinks, *, ascending: bool) -> tuple[RankedTriple
     return msgspec.convert(shown.to_dict("records"), tuple[RankedTriple, ...])
 
 
-def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
-    """Return the best-scored triples outside the graph, equally many for each relation.
+def perhaps_missing_of(links: RankedLinks) -> Iterator[ScoredPair]:
+    """Yield the best-scored triples outside the graph, equally many for each relation.
 
     Such a triple may be a recipe that the book lacks.
     """
     graph = links.graph
-    pairs = []
     for relation, name in enumerate(RELATIONS):
         # A copy, because the scorer may keep its table.
         scores = links.scorer.table(relation).cpu().numpy().copy()
@@ -424,8 +415,7 @@ def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
             score = float(scores[head, tail])
             # A small graph may have fewer free pairs than rows in the list.
             if np.isfinite(score):
-                pairs.append(ScoredPair(graph.entities[head], name, graph.entities[tail], score))
-    return tuple(pairs)
+                yield ScoredPair(graph.entities[head], name, graph.entities[tail], score)
 
 
 FEW_TEST_RECIPES = 50
@@ -610,15 +600,15 @@ def view_links(
             raw_rank=ranking_metrics(ranks.assign(candidates=graph.num_entities), "raw_rank"),
         ),
         in_sample=_in_sample(links),
-        probabilities=reliability_of(links),
+        probabilities=tuple(reliability_of(links)),
         with_leaked=_with_leaked(links),
         baselines=baselines,
-        comparisons=comparisons_of(links, seed),
+        comparisons=tuple(comparisons_of(links, seed)),
         near_synonym_cosine=NEAR_SYNONYM,
         drill_down=drill_down_of(links, seed),
         best=listed_triples(links, ascending=True),
         worst=listed_triples(links, ascending=False),
-        perhaps_missing=perhaps_missing_of(links) if links.has_table else (),
+        perhaps_missing=tuple(perhaps_missing_of(links)) if links.has_table else (),
         trace=tuple(trace),
         provenance=dict(provenance or {}),
     )

@@ -465,7 +465,7 @@ def suggest(
     analogies: tuple[Analogy, ...] = ()
     combines = None
     if is_set_model(model):
-        listed = _likely_sets(model, wish, steps, top, has_coverage=has_coverage)
+        listed = list(_likely_sets(model, wish, steps, top, has_coverage=has_coverage))
     else:
         # Test recipes are in the book, too.
         finder = RecipeFinder.of(
@@ -483,7 +483,7 @@ def suggest(
         if wish.goal is None:
             analogies = _analogies(finder, recipes, graph, shown_pairs)
         combines = float(recipes.combines[0]) if wish.pair else None
-    known_steps = [] if steps is None else _made(model.opened.split, steps)
+    known_steps = [] if steps is None else list(_made(model.opened.split, steps))
     return Suggestions(
         wish,
         {},
@@ -596,8 +596,8 @@ def _analogies(
     return tuple(analogies)
 
 
-def _made(split: Split, steps: Ids) -> list[Suggestion]:
-    """Return a known recipe for each entity that the listed ones lead to, in order of steps."""
+def _made(split: Split, steps: Ids) -> Iterator[Suggestion]:
+    """Yield a known recipe for each entity that the listed ones lead to, in order of steps."""
     graph = split.graph
     *ingredients, results = graph.sets.T
     # The padding of small recipes is there from the start; what is never made comes last.
@@ -609,18 +609,16 @@ def _made(split: Split, steps: Ids) -> list[Suggestion]:
     rows = np.flatnonzero(is_first)[rows]
     rows = rows[np.argsort(from_start[results[rows]], kind="stable")]
     names = get_args(Part)
-    suggestions = []
     for row, recipe in zip(rows, graph.recipe_labels(graph.sets[rows]), strict=True):
         part = names[split.parts[row]]
         step = int(from_start[results[row]])
-        suggestions.append(Suggestion(recipe.ingredients, recipe.result, 1.0, part, (), step))
-    return suggestions
+        yield Suggestion(recipe.ingredients, recipe.result, 1.0, part, (), step)
 
 
 def _likely_sets(
     model: Model, wish: Wish, steps: Ids | None, top: int, *, has_coverage: bool
-) -> list[Suggestion]:
-    """Return the most probable sets that a wish asks for, of all goals that the book makes."""
+) -> Iterator[Suggestion]:
+    """Yield the most probable sets that a wish asks for, of all goals that the book makes."""
     scorer = model.scorer
     assert isinstance(scorer, SetScorer)
     split = model.opened.split
@@ -651,14 +649,12 @@ def _likely_sets(
     rows = varied(
         ((*ranked_set.ingredients, goal) for ranked_set, goal, _ in candidates), top, wish_ids
     )
-    suggestions = []
     for row in rows:
         ranked_set, goal, step = candidates[row]
         suggestion = _suggestion(
             split, scorer, ranked_set.ingredients, graph.entities[goal], ranked_set.score
         )
-        suggestions.append(msgspec.structs.replace(suggestion, steps=step))
-    return suggestions
+        yield msgspec.structs.replace(suggestion, steps=step)
 
 
 ACCEPT = "accept"

@@ -549,10 +549,10 @@ class Explainer:
                 if self._outside:
                     entity = int(state.table[0, slot])
                     outside = self._outside.of_recipe(entity, evidence.partner, expected)
-                plan = []
-                for a, b, product, probability in evidence.plan:
-                    labels = (entities[a], entities[b], entities[product])
-                    plan.append(ExpectedAttempt(*labels, probability))
+                plan = (
+                    ExpectedAttempt(entities[a], entities[b], entities[product], probability)
+                    for a, b, product, probability in evidence.plan
+                )
                 result[slot] = SlotEvidence(
                     source=name,
                     partner=entities[evidence.partner],

@@ -618,15 +618,13 @@ class AgentEvaluation(Record):
     sources: dict[str, dict[str, SourceGain]] | None
     by_goal: dict[str, tuple[SliceSuccess, ...]] | None = None
 
-    def notes(self) -> list[str]:
-        """Return a sentence for each source that adds nothing."""
-        notes = []
+    def notes(self) -> Iterator[str]:
+        """Yield a sentence for each source that adds nothing."""
         for amount, gains in (self.sources or {}).items():
             tables = counted(int(amount), "distractor")
             for source, gain in gains.items():
                 if gain.adds_nothing:
-                    notes.append(f"{tables}: {source} {gain.sentence}")
-        return notes
+                    yield f"{tables}: {source} {gain.sentence}"
 
 
 class Explanation(Record):

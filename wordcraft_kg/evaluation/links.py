@@ -339,13 +339,11 @@ def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
     def between(values: Ids, bounds: Bounds) -> Iterator[tuple[str, NDArray[np.bool_]]]:
         return binned(values, bounds, more=" or more")
 
-    def slices(groups: Iterable[tuple[str, NDArray[np.bool_]]]) -> tuple[SliceMetrics, ...]:
-        rows = []
+    def slices(groups: Iterable[tuple[str, NDArray[np.bool_]]]) -> Iterator[SliceMetrics]:
         for name, mask in groups:
             if mask.any():
                 metrics = with_interval(ranks[mask], links.clusters[mask], seed=seed)
-                rows.append(SliceMetrics(**msgspec.structs.asdict(metrics), slice=name))
-        return tuple(rows)
+                yield SliceMetrics(**msgspec.structs.asdict(metrics), slice=name)
 
     pairs = [("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]
     # The goal is the tail of componentOf; combinesWith says nothing about a goal.
@@ -353,12 +351,12 @@ def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
     groups = goal_groups(graph, goals, links.made_by_other_books)
     by_other_book = [(f"{LINKS_TO} {name}", mask & ~is_symmetric) for name, mask in groups.items()]
     return DrillDown(
-        seen_in_train=slices(between(train_uses, SEEN)),
-        layer=slices([("not reachable", layer < 0), *between(layer, _LAYERS)]),
-        self_combination=slices(pairs),
+        seen_in_train=tuple(slices(between(train_uses, SEEN))),
+        layer=tuple(slices([("not reachable", layer < 0), *between(layer, _LAYERS)])),
+        self_combination=tuple(slices(pairs)),
         # With all recipes in training every test recipe repeats a train recipe: itself.
-        near_synonyms=() if links.is_full else slices(_near_synonyms(links)),
-        other_book=slices(by_other_book),
+        near_synonyms=() if links.is_full else tuple(slices(_near_synonyms(links))),
+        other_book=tuple(slices(by_other_book)),
     )
 
 

@@ -463,9 +463,10 @@ class Scoring(ABC):
             UnknownEntityError: for a label that the scorer does not know.
         """
         candidates = np.arange(len(self.entities))
-        ids = []
-        for place, label in enumerate(query.slots):
-            ids.append(candidates if label is None else self._ids(label, place))
+        ids = [
+            candidates if label is None else self._ids(label, place)
+            for place, label in enumerate(query.slots)
+        ]
         # Named entities broadcast along the open slot.
         return np.stack(np.broadcast_arrays(*ids), axis=1).astype(np.int64)
 

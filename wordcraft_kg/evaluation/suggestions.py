@@ -14,6 +14,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import get_args
 
@@ -481,7 +482,8 @@ def suggest(
         ]
         shown_pairs = () if wish.pair else {suggestion.ingredients for suggestion in listed}
         if wish.goal is None:
-            analogies = _analogies(finder, recipes, graph, shown_pairs)
+            gaps = _analogies(finder, recipes, graph, shown_pairs)
+            analogies = tuple(islice(gaps, ANALOGIES))
         combines = float(recipes.combines[0]) if wish.pair else None
     known_steps = [] if steps is None else list(_made(model.opened.split, steps))
     return Suggestions(
@@ -574,26 +576,24 @@ def _analogies(
     likely: LikelyRecipes,
     graph: RecipeGraph,
     shown: Collection[tuple[str, ...]],
-) -> tuple[Analogy, ...]:
-    """Return the pairs that most probably make something which no known entity fits.
+) -> Iterator[Analogy]:
+    """Yield the pairs that most probably make something which no known entity fits.
 
     A pair that is ``shown`` with a result has one; a pair alone may make nothing.
     """
     is_alone = len(likely.pairs) == 1
     fits = likely.combines * likely.best_shares if is_alone else likely.best_shares
     gaps = np.where(fits < FIT, likely.combines * (1 - likely.best_shares), 0)
-    analogies: list[Analogy] = []
     for row in np.argsort(-gaps, kind="stable").tolist():
-        if gaps[row] <= 0 or len(analogies) == ANALOGIES:
-            break
+        if gaps[row] <= 0:
+            return
         pair = likely.pairs[row].tolist()
         labels = graph.labels(pair)
         like = None if labels in shown else finder.analogy(*pair)
         if like is not None:
             *ingredients, result = graph.labels(like[0])
             support = SetSupport(tuple(ingredients), result, like[1])
-            analogies.append(Analogy(labels, float(likely.combines[row]), support))
-    return tuple(analogies)
+            yield Analogy(labels, float(likely.combines[row]), support)
 
 
 def _made(split: Split, steps: Ids) -> Iterator[Suggestion]:

@@ -238,18 +238,7 @@ class Impala:
         batch = self.config.num_envs
         slots = self._slots
         choices = self.policy.num_choices(slots)
-        external_scores = None
-        if self.policy.sources:
-            # Scores stay 0 in the last states: only their value matters, and does not depend on
-            # scores.
-            shape = (time + 1, batch, len(self.policy.sources), choices)
-            external_scores = self._empty(*shape).zero_()
-        noise = None
-        if self.policy.noise_size:
-            noise = self._empty(time + 1, batch, self.policy.noise_size)
-        remembered = None
-        if self._remembers:
-            remembered = self._empty(time, batch, choices, dtype=torch.bool)
+        num_sources = len(self.policy.sources)
         return _Unroll(
             states=States(
                 goal=self._empty(time + 1, batch, dtype=torch.int64),
@@ -259,9 +248,19 @@ class Impala:
                 table=self._empty(time + 1, batch, slots, dtype=torch.int64),
                 attempts=Attempts(self._empty(time + 1, batch, dtype=torch.int64)),
             ),
-            external_scores=external_scores,
-            noise=noise,
-            remembered=remembered,
+            # Scores stay 0 in the last states: only their value matters, and does not depend on
+            # scores.
+            external_scores=(
+                self._empty(time + 1, batch, num_sources, choices).zero_() if num_sources else None
+            ),
+            noise=(
+                self._empty(time + 1, batch, self.policy.noise_size)
+                if self.policy.noise_size
+                else None
+            ),
+            remembered=(
+                self._empty(time, batch, choices, dtype=torch.bool) if self._remembers else None
+            ),
             actions=self._empty(time, batch, dtype=torch.int64),
             log_probs=self._empty(time, batch),
             rewards=self._empty(time, batch),
@@ -392,9 +391,8 @@ class Impala:
         states = self._unroll.states.of(slice(-1)).flattened()
         is_first = states.num_selected(self.policy.num_entities) == 0
         for action, rows in (("first", is_first), ("second", ~is_first)):
-            means: list[float | None] = [None] * lambdas.shape[1]
-            if rows.any():
-                means = lambdas[rows].mean(0).tolist()
+            no_means: list[float | None] = [None] * lambdas.shape[1]
+            means = lambdas[rows].mean(0).tolist() if rows.any() else no_means
             for label, mean in zip(self.policy.labels, means, strict=True):
                 metrics[f"lambda_{label.name}_{action}"] = mean
         return metrics
@@ -596,12 +594,10 @@ class Impala:
 
         # One call of the policy for all states: time and environments become one batch axis.
         states = unroll.states.of(slice(num_states)).flattened()
-        external_scores = unroll.external_scores
-        if external_scores is not None:
-            external_scores = external_scores[:num_states].flatten(0, 1)
-        noise = unroll.noise
-        if noise is not None:
-            noise = noise[:num_states].flatten(0, 1)
+        external_scores = None
+        if unroll.external_scores is not None:
+            external_scores = unroll.external_scores[:num_states].flatten(0, 1)
+        noise = None if unroll.noise is None else unroll.noise[:num_states].flatten(0, 1)
         output = self.policy.choose(states, weights, external_scores, noise)
 
         # Log-probabilities of all choices, (C, T · B), and of the chosen ones, (T, B).
@@ -641,11 +637,8 @@ class Impala:
             scorer_policy = log_policy(scores.masked_fill(is_empty, -torch.inf))
             loss = loss + self._scorer_cost * divergence(log_policies, scorer_policy)
 
-        if output.lambdas is None:
-            lambdas = loss.new_zeros(acted, 0)
-        else:
-            lambdas = output.lambdas[:acted].detach()
-        return _Loss(loss, policy_loss, value_loss, entropy), _Last(log_rhos, lambdas)
+        lambdas = loss.new_zeros(acted, 0) if output.lambdas is None else output.lambdas[:acted]
+        return _Loss(loss, policy_loss, value_loss, entropy), _Last(log_rhos, lambdas.detach())
 
     def _not_finite(self) -> str:
         first = self.update_number * self.config.steps_per_update

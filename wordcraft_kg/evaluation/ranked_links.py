@@ -105,9 +105,8 @@ class RankedLinks:
         split = self.opened.split
         # A triple belongs to the group of a recipe that gives it: a test recipe, unless training
         # has all recipes and all triples are ranked.
-        sources = split.is_in("test")
-        if self.is_full:
-            sources = np.ones(self.graph.num_recipes, dtype=bool)
+        every_recipe = np.ones(self.graph.num_recipes, dtype=bool)
+        sources = every_recipe if self.is_full else split.is_in("test")
         # Tails come before heads, so the groups of the triples repeat.
         return np.tile(triple_groups(split, sources, self.queries), 2)
 
@@ -169,9 +168,7 @@ def rank_links(
     if whole("max_queries", max_queries, 0) and max_queries < 2 * MIN_TRIPLES:
         raise refuse("max_queries", max_queries, f"0 for all, or {2 * MIN_TRIPLES} or more")
     # Test triples that training contains by way of other recipes are leaks, and left out.
-    everything = opened.split.held_out("test")
-    if kg == "full":
-        everything = opened.graph.triples
+    everything = opened.graph.triples if kg == "full" else opened.split.held_out("test")
     queries = sampled(everything, max_queries // 2, seed) if max_queries else everything
     if len(queries) < MIN_TRIPLES:
         triples = "triples in the whole graph" if kg == "full" else "unseen test triples"

@@ -401,9 +401,8 @@ class Explainer:
 
     def _folds(self) -> Ids | None:
         for source in self._policy.sources.values():
-            if not isinstance(source, FoldedSource) or not source.reads_task:
-                continue
-            if len(source.fold_of_recipe):
+            is_folded = isinstance(source, FoldedSource) and source.reads_task
+            if is_folded and len(source.fold_of_recipe):
                 return np.asarray(source.fold_of_recipe.cpu().numpy())
         return None
 

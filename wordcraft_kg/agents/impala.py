@@ -32,7 +32,7 @@ from wordcraft_kg.agents.losses import (
 )
 from wordcraft_kg.agents.states import bind_tasks, states_of
 from wordcraft_kg.base import ConfigError, TrainingError, check_memory
-from wordcraft_kg.base.tensors import as_tensor, copied
+from wordcraft_kg.base.tensors import as_tensor, copied, with_prefix
 from wordcraft_kg.envs.batch import GOAL, State
 from wordcraft_kg.models.policies.policy import Policy, Weights, log_policy
 from wordcraft_kg.models.policies.sources import W
@@ -412,11 +412,10 @@ class Impala:
         if not self._flat.isfinite().all():
             raise TrainingError(self._not_finite())
         tensors = self._changed_in_place()
-        for name, array in self.envs.saved().items():
-            tensors[f"engine.{name}"] = torch.from_numpy(array)
+        engine = self.envs.saved().items()
+        tensors |= {f"engine.{name}": torch.from_numpy(array) for name, array in engine}
         for number, snapshot in enumerate(self._snapshots):
-            for name, tensor in snapshot.items():
-                tensors[f"snapshot.{number}.{name}"] = tensor
+            tensors |= {f"snapshot.{number}.{name}": part for name, part in snapshot.items()}
         tensors["successes"] = self.successes.keys
         tensors["generator"] = self._generator.get_state()
         tensors["update"] = torch.tensor(self.update_number)
@@ -424,12 +423,13 @@ class Impala:
 
     def _changed_in_place(self) -> dict[str, Tensor]:
         """Return the tensors that an update writes into, by their names in a state."""
-        tensors: dict[str, Tensor] = {"sums": self._sums}
-        for name, parameter in self.policy.named_parameters():
-            tensors[f"policy.{name}"] = parameter
-        for name, value in self.optimizer.state[self._flat].items():
-            tensors[f"optimizer.{name}"] = value
-        return tensors
+        parameters = self.policy.named_parameters()
+        averages = self.optimizer.state[self._flat].items()
+        return {
+            "sums": self._sums,
+            **{f"policy.{name}": parameter for name, parameter in parameters},
+            **{f"optimizer.{name}": average for name, average in averages},
+        }
 
     def restore(self, state: Mapping[str, Tensor]) -> None:
         """Continue training from a :meth:`state` with the same policy, tasks and settings.
@@ -449,16 +449,13 @@ class Impala:
         saved = {name: state[f"engine.{name}"].numpy() for name in self.envs.saved()}
         self.envs = self.envs.restored(saved)
         self._snapshots.clear()
-        snapshots: dict[int, Weights] = {}
-        for key, tensor in state.items():
-            if key.startswith("snapshot."):
-                # A weight's own name may contain dots.
-                _, number, name = key.split(".", 2)
-                snapshot = snapshots.setdefault(int(number), {})
-                snapshot[name] = tensor.to(self.device, copy=True)
-        # The oldest first, as they were taken.
-        for _, snapshot in sorted(snapshots.items()):
-            self._snapshots.append(snapshot)
+        # The oldest first, as they were taken; a weight's own name may contain dots.
+        names = with_prefix(state, "snapshot.")
+        for number in sorted({int(name.partition(".")[0]) for name in names}):
+            snapshot = with_prefix(state, f"snapshot.{number}.").items()
+            self._snapshots.append(
+                {name: part.to(self.device, copy=True) for name, part in snapshot}
+            )
         self._next_scores = None
         self.successes.keys = state["successes"].to(self.device, copy=True)
         self._generator.set_state(state["generator"])

@@ -426,8 +426,10 @@ def _baselines(
         words |= _words_beside(members[0])
     results |= {name: _play(player, evaluators) for name, player in words.items()}
     for agent, results_by_sources in scorers.values():
-        for sources, played in results_by_sources.items():
-            results[f"scorer of {agent} alone, {sources}"] = played
+        results |= {
+            f"scorer of {agent} alone, {sources}": played
+            for sources, played in results_by_sources.items()
+        }
     # Last, as the upper bound.
     results["recipe oracle"] = _play(players.recipe_oracle, evaluators)
     for name, played in results.items():

@@ -401,8 +401,11 @@ class Explainer:
 
     def _folds(self) -> Ids | None:
         for source in self._policy.sources.values():
-            is_folded = isinstance(source, FoldedSource) and source.reads_task
-            if is_folded and len(source.fold_of_recipe):
+            if (
+                isinstance(source, FoldedSource)
+                and source.reads_task
+                and len(source.fold_of_recipe)
+            ):
                 return np.asarray(source.fold_of_recipe.cpu().numpy())
         return None
 

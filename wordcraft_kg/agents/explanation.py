@@ -348,8 +348,10 @@ class Explainer:
                     "or select nothing."
                 )
         if len(selected) >= graph.most_ingredients:
-            expected = f"at most {graph.most_ingredients - 1}"
-            raise ConfigError(f"`selection` of {len(selected)} entities: expected {expected}.")
+            raise ConfigError(
+                f"`selection` of {len(selected)} entities: expected at most "
+                f"{graph.most_ingredients - 1}."
+            )
         if like is not None:
             whole("like", like, 0, len(tasks) - 1)
             start = self.world.without_nothing(tasks.starts[like].tolist())

@@ -79,11 +79,13 @@ class _NetworkPolicy(BasePolicy):
         _check_spaces(observation_space, action_space, network)
         # So that the environments know that their ids are read as ids.
         observation_space.read_as_ids = True  # type: ignore[attr-defined]
-        settings = {
-            "optimizer_class": optimizer_class,
-            "optimizer_kwargs": optimizer_kwargs,
-        }
-        super().__init__(observation_space, action_space, lr_schedule, **settings)
+        super().__init__(
+            observation_space,
+            action_space,
+            lr_schedule,
+            optimizer_class=optimizer_class,
+            optimizer_kwargs=optimizer_kwargs,
+        )
         # Copied, because several algorithms may train the same policy, one after the other.
         self.network = copy.deepcopy(network)
         self._tasks = self._bound_to()

@@ -44,8 +44,13 @@ class EvaluatedGraph(Record):
     @classmethod
     def of(cls, graph: RecipeGraph) -> "EvaluatedGraph":
         """Return a graph's name, hash and sizes."""
-        sizes = (graph.num_entities, graph.num_recipes, len(graph.triples))
-        return cls(graph.name, graph.hash, *sizes)
+        return cls(
+            name=graph.name,
+            hash=graph.hash,
+            entities=graph.num_entities,
+            recipes=graph.num_recipes,
+            triples=len(graph.triples),
+        )
 
 
 # Above any rank or count, and far below the limit of int64.
@@ -431,16 +436,14 @@ class SeedCurve(Record):
 
 def success_curves(members: Sequence[AgentRun]) -> dict[str, tuple[CurvePoint, ...]]:
     """Return mean success curves by split part (test, train), with intervals over seeds."""
-    curves = {}
-    for part in ("test", "train"):
-        rows = _shared_rows(members, f"{part}_success")
-        points = []
-        for step, seeds in rows:
-            low, high = student_interval(seeds) or (None, None)
-            points.append(CurvePoint(step, float(np.mean(seeds)), low, high))
-        if points:
-            curves[part] = tuple(points)
-    return curves
+    curves = {part: tuple(_success_points(members, part)) for part in ("test", "train")}
+    return {part: points for part, points in curves.items() if points}
+
+
+def _success_points(members: Sequence[AgentRun], part: str) -> Iterator[CurvePoint]:
+    for step, seeds in _shared_rows(members, f"{part}_success"):
+        low, high = student_interval(seeds) or (None, None)
+        yield CurvePoint(step, float(np.mean(seeds)), low, high)
 
 
 def lambda_curves(members: Sequence[AgentRun]) -> Iterator[LambdaCurve]:

@@ -685,10 +685,9 @@ class RecipeScoring(Scoring):
         is_seen = are_among(self._keys(rows), self.seen).tolist()
         shares: list[float | None] = [None] * len(rows)
         folds = folds_of(self.model.scorer)
-        is_calibrated = folds is not None and folds.probabilities is not None
         # Calibrated for results of a pair only: partners of an ingredient compete in another way.
-        if is_explained and is_calibrated and query.slots[2] is None:
-            assert folds is not None
+        is_asked = is_explained and query.slots[2] is None
+        if is_asked and folds is not None and folds.probabilities is not None:
             shares = folds.result_probabilities(*query.labels)[rows[:, 2]].tolist()
         finder = self.model.outside
         parts = self.known(rows)
@@ -781,11 +780,8 @@ def note_of_words(model: ScoringModel) -> list[str]:
         return []
     # A single new entity may be a misspelling that has a vector, too: the nearest label helps then.
     if len(words) == 1:
-        entities = model.scorer.entities[: -len(words)]
-        return [
-            f"'{words[0]}' is not in the graph: scored by its words alone."
-            f"{nearest(words[0], entities)}"
-        ]
+        hint = nearest(words[0], model.scorer.entities[:-1])
+        return [f"'{words[0]}' is not in the graph: scored by its words alone.{hint}"]
     listed = ", ".join(f"'{label}'" for label in words[:_LISTED])
     ending = f" and {len(words) - _LISTED:,} more" if len(words) > _LISTED else ""
     return [f"{listed}{ending} are not in the graph: scored by their words alone."]

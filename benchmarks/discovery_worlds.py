@@ -27,7 +27,7 @@ import torch
 from cut_worlds import CANDIDATES, separate_worlds, shared_part
 from numpy.typing import NDArray
 
-from wordcraft_kg.agents.discovery import ORACLE, Plays, make_discoverers, play_runs
+from wordcraft_kg.agents.discovery import make_discoverers, play_runs
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.statistics import crossed_difference
 from wordcraft_kg.evaluation.discovery import open_guide
@@ -38,10 +38,14 @@ from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
 SETTINGS = "everyday"
 """The book on whose worlds the settings of the players were chosen."""
 LEARNER = "recipe-learner"
+ORACLE = "greedy"
+"""The player that knows the world, and is the measure of all others."""
 ATTEMPTS = 150
 """Attempts of a run: at the end, a player that knows the world has made nearly all of it."""
 MARKS = (50, 100, 150)
 Table = NDArray[np.float64]
+Curves = dict[str, NDArray[np.int64]]
+"""Known entities by player: number after each attempt, 0 first, shape (runs, attempts + 1)."""
 
 
 def curve_area(known: NDArray[np.integer]) -> Table:
@@ -74,7 +78,7 @@ def estimate(values: Table) -> dict[str, float | None]:
 
 def played(
     graph: RecipeGraph, options: argparse.Namespace, book: RecipeGraph | None
-) -> list[Plays]:
+) -> list[Curves]:
     """Let all players play a world: each fit of the scorer once, with all others beside it."""
     names = ["random-no-repeat", "nearest-words", *(["book-votes"] if book else []), ORACLE]
     if not options.scorers:
@@ -113,12 +117,12 @@ def overlaps(worlds: list[RecipeBook]) -> list[dict[str, Any]]:
     ]
 
 
-def summary(plays: list[list[Plays]]) -> dict[str, Any]:
+def summary(plays: list[list[Curves]]) -> dict[str, Any]:
     """Return the figures of each player, and the gain of the learner over each of them."""
     # Shape (fits, worlds, runs, attempts + 1), by player.
     known = {
-        name: np.array([[fit.known[number] for fit in fits] for fits in plays]).swapaxes(0, 1)
-        for number, name in enumerate(plays[0][0].players)
+        name: np.array([[fit[name] for fit in fits] for fits in plays]).swapaxes(0, 1)
+        for name in plays[0][0]
     }
     oracle = curve_area(known[ORACLE]).mean(axis=2)
     areas = {name: curve_area(curves).mean(axis=2) / oracle for name, curves in known.items()}

@@ -67,7 +67,8 @@ def discovery():
         graph,
         book=open_graph("everyday").graph,
     )
-    print(play_runs(graph, players, 20, 3).frame().to_csv())
+    curves = play_runs(graph, players, 20, 3)
+    print({name: known.tolist() for name, known in curves.items()})
 
 
 def link_models():

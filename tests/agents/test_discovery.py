@@ -4,23 +4,20 @@ from collections import Counter
 from functools import cache
 
 import numpy as np
-import pandas as pd
 import pytest
 import torch
 from helpers import refuses
 from scipy.optimize import minimize
 from scipy.spatial import distance
-from scipy.special import stdtrit
 
 from wordcraft_kg import load_scorer
-from wordcraft_kg.agents import discovery, recipe_discovery
+from wordcraft_kg.agents import recipe_discovery
 from wordcraft_kg.agents.discovery import (
     DISCOVERERS,
     BookDiscoverer,
     GreedyDiscoverer,
     make_discoverers,
     play_runs,
-    summarise_curves,
 )
 from wordcraft_kg.agents.recipe_discovery import (
     CANDIDATES,
@@ -31,6 +28,7 @@ from wordcraft_kg.agents.recipe_discovery import (
     RecipeDiscoverer,
 )
 from wordcraft_kg.envs.open_ended import Discovery, OpenEndedEnv
+from wordcraft_kg.evaluation import discovery
 from wordcraft_kg.evaluation.discovery import open_guide, view_discovery
 from wordcraft_kg.graphs import Recipe, RecipeGraph
 from wordcraft_kg.models.recipes.inductive import for_labels
@@ -42,18 +40,13 @@ PLAYERS = [name for name in DISCOVERERS if name not in ("recipe-learner", "book-
 """Both others have tests of their own."""
 
 
-def curves_of(*arguments, **settings):
-    """The curves of all runs."""
-    return play_runs(*arguments, **settings).frame()
-
-
 def everybody(graph):
     return make_discoverers(PLAYERS, graph)
 
 
 @pytest.fixture(scope="module")
 def curves(kitchen):
-    return curves_of(kitchen, everybody(kitchen), ATTEMPTS, runs=20)
+    return play_runs(kitchen, everybody(kitchen), ATTEMPTS, runs=20)
 
 
 @pytest.mark.parametrize("has_scorer", [False, True])
@@ -98,25 +91,22 @@ def test_a_player_in_the_environment_has_the_same_curve(kitchen, curves, name):
             seen.append(info["known"])
             assert not info["repeated"]
             assert set(player.known) == set(np.flatnonzero(observation["known"]).tolist())
-        rows = curves[(curves["player"] == name) & (curves["run"] == run)]
-        assert seen == rows["known"].tolist()[: len(seen)]
-        assert (rows["known"][len(seen) :] == info["known"]).all()
+        curve = curves[name][run]
+        assert seen == curve.tolist()[: len(seen)]
+        assert (curve[len(seen) :] == info["known"]).all()
 
 
 def test_a_curve_depends_on_the_seed_and_not_on_who_else_plays(kitchen, curves):
-    alone = curves_of(kitchen, make_discoverers(["greedy"], kitchen), ATTEMPTS, runs=20)
-    both = curves[curves["player"] == "greedy"].reset_index(drop=True)
-    pd.testing.assert_frame_equal(alone, both)
+    alone = play_runs(kitchen, make_discoverers(["greedy"], kitchen), ATTEMPTS, runs=20)
+    np.testing.assert_array_equal(alone["greedy"], curves["greedy"])
     again, other = (
-        curves_of(
+        play_runs(
             kitchen, make_discoverers(["random-no-repeat"], kitchen), ATTEMPTS, runs=20, seed=seed
-        )
+        )["random-no-repeat"]
         for seed in (0, 1)
     )
-    pd.testing.assert_frame_equal(
-        again, curves[curves["player"] == "random-no-repeat"].reset_index(drop=True)
-    )
-    assert not again["known"].equals(other["known"])
+    np.testing.assert_array_equal(again, curves["random-no-repeat"])
+    assert (again != other).any()
 
 
 def best_pairs(values):
@@ -149,24 +139,13 @@ def test_the_oracle_takes_the_pair_of_the_highest_value(kitchen):
         player.observe(pair, game.combine(*pair)[0])
 
 
-@pytest.mark.parametrize("free", [1, 2, 3, 4, 9, 30, 99])
-def test_the_quantile_without_scipy_is_students(free):
-    assert discovery._student_quantile(free) == pytest.approx(stdtrit(free, 0.975), abs=1e-9)
-
-
 def test_the_summary_gives_means_and_intervals():
-    known = [5, 6, 6, 5, 6, 8, 5, 6, 10]
-    rows = zip(["p"] * 9, [0] * 3 + [1] * 3 + [2] * 3, [0, 1, 2] * 3, known, strict=True)
-    curves = pd.DataFrame(rows, columns=["player", "run", "attempt", "known"])
-    table = summarise_curves(curves, marks=(1, 50))
-    assert table["attempt"].tolist() == [1, 2]
-    assert table["mean"].tolist() == [6, 8]
     # The standard deviation of 6, 8, 10 is 2; no run knows less than the 5 of its start.
-    half = 4.30265273 * 2 / math.sqrt(3)
-    np.testing.assert_allclose(table[["low", "high"]], [[6, 6], [5, 8 + half]])
-    single = summarise_curves(curves[curves["run"] == 0])
-    assert single["low"].isna().all()
-    assert single["mean"].tolist() == [6, 6]
+    known = discovery._known(np.array([6, 8, 10]), (5.0, math.inf))
+    assert (known.mean, known.low) == (8, 5)
+    assert known.high == pytest.approx(8 + 4.30265273 * 2 / math.sqrt(3))
+    single = discovery._known(np.array([6]), (5.0, math.inf))
+    assert (single.mean, single.low, single.high) == (6, None, None)
 
 
 def test_book_votes_tries_the_pair_of_the_highest_value():
@@ -398,31 +377,6 @@ def test_labels_are_shared_described_by_words_or_without_any_word(recipes_folder
         assert (row >= found.own) == (label in (*NEW, "zzqx"))
     assert not found.scorer.knowledge.vectors[int(found.rows[-1])].any()
     assert math.isfinite(float(found.scorer.score_recipes("zzqx", "water", "plant")))
-
-
-def test_a_thought_names_the_rule_the_chance_and_the_expected_result(labelled, world):
-    player, game = RecipeDiscoverer(labelled), Discovery(world)
-    slow = Slow(labelled, world)
-    player.begin(game.base, np.random.default_rng(1))
-    reasons = []
-    for attempt in range(20):
-        known = {int(labelled.rows[entity]) for entity in game.known}
-        weights = player._weights.copy()
-        pair = player.choose()
-        thought = player.thought
-        reasons.append(thought.reason)
-        features, _ = slow.features_and_worth(pair, list(game.known))
-        # The product's candidates are the likeliest of a shortlist, as in the documented formula.
-        np.testing.assert_allclose(player._seen[-1][2:], features[2:], atol=1e-3)
-        chance = 1 / (1 + math.exp(-player._seen[-1] @ weights))
-        assert thought.chance == pytest.approx(chance, abs=1e-9)
-        assert thought.expected not in known
-        assert 0 < thought.share <= 1
-        player.observe(pair, game.combine(*pair)[0])
-        if attempt >= FREE:
-            is_cover = (attempt + 1) % COVER == 0
-            assert thought.reason == ("cover" if is_cover else "value")
-    assert reasons[:FREE] == ["random start"] * FREE
 
 
 def test_a_scorer_of_other_results_is_counted(recipes_folder, kitchen):

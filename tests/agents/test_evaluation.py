@@ -246,10 +246,10 @@ def test_an_evaluation_changes_neither_the_policy_nor_global_random_states(opene
     assert torch.equal(torch.get_rng_state(), states[1])
 
 
-@pytest.mark.parametrize("limit", [1, 7, 50, 62, 63, 64, 1_000, None])
+@pytest.mark.parametrize("limit", [1, 7, 50, 62, 63, 64, 1_000])
 def test_a_limit_takes_evenly_spaced_tasks(opened, limit):
     world, step = World(opened, WordCraftConfig(part="test")), 1
-    while limit is not None and len(range(0, 63, step)) > limit:
+    while len(range(0, 63, step)) > limit:
         step += 1
     assert len(world.tasks) == 63
     assert Evaluator(world, distractor_seeds=1, limit=limit).tasks.tolist() == list(
@@ -376,7 +376,7 @@ def test_of_very_many_tasks_a_sample_is_evaluated_with_a_warning(opened, monkeyp
         in caplog.text
     )
     assert evaluator(random_entity).metrics().tasks == len(evaluator.tasks)
-    assert len(Evaluator(world, limit=None).tasks) == amount
+    assert len(Evaluator(world, limit=10**6).tasks) == amount
 
 
 def test_very_many_tasks_are_played_on_the_first_of_their_tables(opened, monkeypatch):

@@ -419,7 +419,7 @@ def test_u_is_the_mean_over_the_selected_entities(world, policy):
 def test_a_policy_for_sets_is_saved_and_acts_by_label(world, policy, tmp_path):
     loaded = load_policy(save_policy(tmp_path / "policy", policy))
     results = [
-        Evaluator(world, distractor_seeds=1)(PolicyPlayer(player)).last
+        Evaluator(world, distractor_seeds=1)(PolicyPlayer(player)).decisions
         for player in (policy, loaded)
     ]
     np.testing.assert_array_equal(*results)

@@ -247,7 +247,7 @@ def test_new_only_leaves_known_triples_out_of_a_file_too(printed, trained):
             "line 2: no entity 'watr'. Did you mean 'water'",
         ),
         ("flour,combineWith,water\n", "line 1: no relation 'combineWith'"),
-        ("head,relation,tail\n_,componentOf,?\n", "line 2: both slots are open"),
+        ("head,relation,tail\n_,componentOf,?\n", "line 2: _ componentOf _ has several open slots"),
         ("\n\nflour,water\n", "line 3: 'flour,water' has 2 columns; expected head, relation, tail"),
         ('flour,combinesWith,"wa\n', "line 1: "),
         ("head,relation,tail\n", "has no query"),

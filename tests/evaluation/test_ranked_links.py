@@ -176,7 +176,7 @@ def test_a_split_without_unseen_triples_and_no_resamples_are_refused(frequency, 
     graph = opened_kitchen.graph
     data = OpenedGraph(graph, make_split(graph, SplitConfig(kind="none")), "unsplit")
     opened = model(FrequencyScorer(graph, graph.triples), data)
-    with pytest.raises(SplitError, match="unseen test triples to compare on"):
+    with pytest.raises(SplitError, match=r"only .* unseen test triples"):
         compared(opened, opened)
     for resamples in (0, -5):
         with refuses("resamples"):

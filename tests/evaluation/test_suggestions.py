@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
+from wordcraft_kg.evaluation.likely_recipes import RecipeFinder
 from wordcraft_kg.evaluation.suggestions import (
     MOST_OF_ITEM,
     PAGE,
     Wish,
     can_suggest,
-    finder_of,
     open_suggesting,
     suggest,
     ticked,
@@ -32,8 +32,8 @@ def graph(model):
 
 
 @pytest.fixture(scope="module")
-def finder(model):
-    return finder_of(model)
+def finder(model, graph):
+    return RecipeFinder.of(model.scorer, graph.recipes)
 
 
 WISHES = [

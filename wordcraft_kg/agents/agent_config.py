@@ -31,7 +31,38 @@ from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.policies.sources import need_no_scorer
 from wordcraft_kg.runs.config_file import RunConfig
 
+_WHOLE_NUMBERS: Mapping[str, tuple[int, int | None]] = {
+    "steps": (1, None),
+    "batch_size": (1, MAX_SIZE),
+    "unroll": (1, MAX_SIZE),
+    "policy_lag": (0, MAX_SIZE),
+    "tables": (0, MAX_SIZE),
+    "seed": (0, None),
+    "threads": (1, MAX_THREADS),
+    "log_every": (1, None),
+    "eval_every": (0, None),
+    "checkpoint_every": (1, None),
+}
+"""Lowest and highest value of the trainer's whole numbers; None without a limit of its own."""
 _LARGE = 1e9
+_POSITIVE = (SMALLEST, _LARGE, f"a number above 0, at most {_LARGE:g}")
+_COST = (0, _LARGE, f"0 or more, at most {_LARGE:g}")
+_SHARE = (0, 1, "0 to 1")
+_NUMBERS: Mapping[str, tuple[float, float, str]] = {
+    "learning_rate": _POSITIVE,
+    "rms_epsilon": _POSITIVE,
+    "clip": _POSITIVE,
+    "entropy_cost": _COST,
+    "baseline_cost": _COST,
+    "memory_cost": _COST,
+    "scorer_cost": _COST,
+    "discount": _SHARE,
+    "rms_decay": _SHARE,
+    "momentum": _SHARE,
+}
+"""Lowest and highest value of the trainer's other numbers, and both in words."""
+_LEFT_OPEN = ("batch_size", "unroll", "learning_rate", "tables", "scorer_cost")
+"""Settings of the trainer that may be None."""
 _WEIGHED_DEPTH = 2
 """Depth at which weights of plans help for certain, see docs/evidence/planning.md#plan-weights."""
 Preset = Literal["recommended", "paper"]
@@ -215,36 +246,14 @@ class ImpalaConfig:
     def __post_init__(self) -> None:
         one_of("preset", self.preset, get_args(Preset))
         self._take_values_of_preset()
-        for name in ("steps", "log_every", "checkpoint_every"):
-            whole(name, getattr(self, name), 1)
-        whole("batch_size", self.num_envs, 1, MAX_SIZE)
-        # Left to the tasks and the sources, if they are None.
-        for name, minimum in (("unroll", 1), ("tables", 0)):
-            if getattr(self, name) is not None:
-                whole(name, getattr(self, name), minimum, MAX_SIZE)
-        whole("threads", self.threads, 1, MAX_THREADS)
-        whole("policy_lag", self.policy_lag, 0, MAX_SIZE)
-        for name in ("eval_every", "seed"):
-            whole(name, getattr(self, name), 0)
-        for name, value in (
-            ("learning_rate", self.first_rate),
-            ("rms_epsilon", self.rms_epsilon),
-            ("clip", self.clip),
-        ):
-            number_in(name, value, SMALLEST, _LARGE, f"a number above 0, at most {_LARGE:g}")
-        costs = ["entropy_cost", "baseline_cost", "memory_cost"]
-        if self.scorer_cost is not None:  # None is decided by the number of tasks
-            costs.append("scorer_cost")
-        for name in costs:
-            number_in(
-                name,
-                getattr(self, name),
-                0,
-                _LARGE,
-                f"0 or more, at most {_LARGE:g}",
-            )
-        for name in ("discount", "rms_decay", "momentum"):
-            number_in(name, getattr(self, name), 0, 1, "0 to 1")
+        # What is left open gets its value from the tasks, their number or the sources.
+        is_open = {name for name in _LEFT_OPEN if getattr(self, name) is None}
+        for name, limits in _WHOLE_NUMBERS.items():
+            if name not in is_open:
+                whole(name, getattr(self, name), *limits)
+        for name, bounds in _NUMBERS.items():
+            if name not in is_open:
+                number_in(name, getattr(self, name), *bounds)
         # Whether the device exists is checked when training begins, not when settings are read.
         # A name such as cuda:1 chooses among several devices.
         is_text = isinstance(self.device, str)
@@ -293,14 +302,12 @@ class ImpalaConfig:
     @property
     def first_rate(self) -> float:
         """The initial learning rate; that of one attempt while it is open."""
-        rate: float = RECOMMENDED["learning_rate"]
-        return rate if self.learning_rate is None else self.learning_rate
+        return self.learning_rate or float(RECOMMENDED["learning_rate"])
 
     @property
     def num_envs(self) -> int:
         """The number of parallel environments; that of one attempt while it is open."""
-        size: int = RECOMMENDED["batch_size"]
-        return size if self.batch_size is None else self.batch_size
+        return self.batch_size or int(RECOMMENDED["batch_size"])
 
     @property
     def steps_per_update(self) -> int:
@@ -464,8 +471,7 @@ class AgentConfig(RunConfig):
         preset = ImpalaConfig(preset=self.trainer.preset)
         policy = PolicyConfig(self.policy.policy, use=self.policy.use)
         followed = AgentConfig("", self.scorer, self.tasks, policy, preset).values()
-        for name in PAPER:
-            default[name] = followed[name]
+        default |= {name: followed[name] for name in PAPER}
         default["policy"] = AgentConfig("", trainer=preset).policy.policy
         values = self.values()
         return {name: value for name, value in values.items() if default.get(name) != value}

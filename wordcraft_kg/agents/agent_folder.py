@@ -68,10 +68,8 @@ class AgentRun:
             "weights": weights.rstrip(),
             "versions": ", ".join(f"{name} {number}" for name, number in run.versions.items()),
         }
-        for name in ("graph", "split", "scorer", "scorer_folds"):
-            if name in run.inputs:
-                facts[name] = run.inputs[name]
-        return facts
+        inputs = ("graph", "split", "scorer", "scorer_folds")
+        return facts | {name: run.inputs[name] for name in inputs if name in run.inputs}
 
 
 @dataclass(frozen=True)

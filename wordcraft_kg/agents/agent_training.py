@@ -328,9 +328,8 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         trainer = self.config.trainer
         log_every = self._in_updates(trainer.log_every)
         checkpoint_every = self._in_updates(trainer.checkpoint_every)
-        eval_every = self._in_updates(trainer.eval_every)
-        if not trainer.eval_every:
-            eval_every = trainer.updates
+        # Without learning curves, there is a point at the end alone.
+        eval_every = self._in_updates(trainer.eval_every) if trainer.eval_every else trainer.updates
         # Where a recipe scorer's loops use the threads, torch's own would only wait, and waiting
         # takes the processor's time from the loops.
         threads = 1 if self.impala.scores_ahead else trainer.threads
@@ -408,9 +407,8 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
     def _log(self, figures: dict[str, float | None], *, is_point: bool) -> None:
         """Add a line of metrics; with a point on the learning curves if ``is_point``."""
         step, seconds = self._logged
-        rate = None
-        if self.seconds > seconds:
-            rate = round((self.step - step) / (self.seconds - seconds))
+        duration = self.seconds - seconds
+        rate = round((self.step - step) / duration) if duration > 0 else None
         self._logged = (self.step, self.seconds)
         row: dict[str, Any] = {"step": self.step, **figures}
         if is_point:
@@ -569,9 +567,8 @@ def _guide(config: AgentConfig, run: RunRecord) -> str:
     if not config.scorer:
         has_sources = need_no_scorer(config.policy.sources)
         return f"with {config.policy.use}" if has_sources else "without a knowledge graph"
-    trained_on = "not trained on recipes"
-    if run.kg != "none":
-        trained_on = f"trained on the {run.kg} knowledge graph"
+    graph = f"trained on the {run.kg} knowledge graph"
+    trained_on = "not trained on recipes" if run.kg == "none" else graph
     use = "as the only logits" if config.policy.kg_only else "mixed into the logits"
     return f"with {' and '.join(config.policy.sources)} from a scorer {trained_on}, {use}"
 

@@ -1,9 +1,7 @@
 """Players for the open-ended environment, and discovery curves: known entities by attempt."""
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +10,6 @@ from wordcraft_kg.base import MAX_SIZE, ConfigError, check_memory, one_of, steps
 from wordcraft_kg.base.labels import LabelIndex
 from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.graphs import Entity, Ids, RecipeGraph
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Pair = tuple[int, int]
 Floats = NDArray[np.floating]
@@ -36,9 +31,6 @@ MARKS = (1, 10, 20, 50, 100)
 """Numbers of attempts at which a summary reports known entities."""
 LATER_MARKS = (200, 300, 400, 500)
 """Further numbers of attempts for long runs."""
-NEVER = -1
-"""Attempt of an entity that did not become known, in :class:`Plays`."""
-_BYTES_PER_ROW = 100  # in the frame of curves and derived frames
 
 
 class Discoverer(ABC):
@@ -107,7 +99,44 @@ class NoRepeatDiscoverer(RandomDiscoverer):
         self._tried.add((min(pair), max(pair)))
 
 
-class WordsDiscoverer(Discoverer):
+class BestPairDiscoverer(Discoverer):
+    """Base class of players of the untried pair with the highest value.
+
+    Pairs are numbered as they become possible: each new entity with all known ones, in the order of
+    discovery, and last with itself.
+
+    Attributes:
+        pairs: ids of the P pairs of known entities, shape (P, 2).
+        is_tried: shape (P,), bool.
+        chosen: number of the last chosen pair.
+    """
+
+    def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
+        self.pairs = np.empty((0, 2), dtype=np.int64)
+        self.is_tried = np.empty(0, dtype=bool)
+        super().begin(base, rng)
+
+    def learn(self, entity: int) -> None:  # noqa: D102
+        super().learn(entity)
+        partners = np.array(self.known)
+        new_pairs = np.column_stack([np.full_like(partners, entity), partners])
+        self.pairs = np.concatenate([self.pairs, new_pairs])
+        self.is_tried = np.pad(self.is_tried, (0, len(partners)))
+
+    @abstractmethod
+    def values(self, untried: Ids) -> Floats:
+        """Return the values of pairs by their numbers, shape (n,) -> (n,)."""
+
+    def choose(self) -> Pair:
+        """Return the untried pair with the highest value; equal values are drawn at random."""
+        untried = np.flatnonzero(~self.is_tried)
+        self.chosen = int(untried[self.draw_best(self.values(untried))])
+        self.is_tried[self.chosen] = True
+        first, second = self.pairs[self.chosen].tolist()
+        return first, second
+
+
+class WordsDiscoverer(BestPairDiscoverer):
     """A player of the untried pair with the most similar labels by word cosine; learns nothing."""
 
     def __init__(self, unit_vectors: Floats):
@@ -118,25 +147,18 @@ class WordsDiscoverer(Discoverer):
         self._unit = unit_vectors
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
-        self._untried: dict[Pair, float] = {}
+        self._cosines = np.empty(0)
         super().begin(base, rng)
 
     def learn(self, entity: int) -> None:  # noqa: D102
         super().learn(entity)
         cosines = self._unit[self.known] @ self._unit[entity]
-        for partner, cosine in zip(self.known, cosines.tolist(), strict=True):
-            self._untried[entity, partner] = cosine
         # Also for a label without a word vector, whose cosine with itself is 0.
-        self._untried[entity, entity] = 1.0
+        cosines[-1] = 1.0
+        self._cosines = np.concatenate([self._cosines, cosines])
 
-    def choose(self) -> Pair:  # noqa: D102
-        pairs = list(self._untried)
-        values = np.array(list(self._untried.values()))
-        return pairs[self.draw_best(values)]
-
-    def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
-        del self._untried[pair]
-        super().observe(pair, new)
+    def values(self, untried: Ids) -> Floats:  # noqa: D102
+        return self._cosines[untried]
 
 
 class GreedyDiscoverer(Discoverer):
@@ -164,10 +186,6 @@ class GreedyDiscoverer(Discoverer):
         self.is_known[entity] = True
         self._pending.append(self.graph.uses_of(entity))
 
-    def worth(self, entities: Ids) -> Floats:
-        """Return how useful it is to make each unknown entity, given ids: positive numbers."""
-        return self._worth[entities]
-
     def choose(self) -> Pair:
         """Return the pair with the highest gain; equal gains are drawn at random.
 
@@ -192,7 +210,7 @@ class GreedyDiscoverer(Discoverer):
         pairs, index = np.unique(graph.pair_of_recipe[self._open], return_inverse=True)
         # A pair with several results makes all of them, so their worths add up.
         results = graph.recipes[self._open, 2]
-        result_values = self.worth(results)
+        result_values = self._worth[results]
         gains = np.bincount(index, result_values).astype(np.float64)
         best = pairs[self.draw_best(gains)]
         row = int(graph.pair_starts[best])
@@ -200,7 +218,7 @@ class GreedyDiscoverer(Discoverer):
         return first, second
 
 
-class BookDiscoverer(Discoverer):
+class BookDiscoverer(BestPairDiscoverer):
     """A player that knows another book's recipes by label, and counts votes; learns nothing.
 
     ``n_xc`` is the number of the book's recipes that make c from x, and ``m_c`` the number that
@@ -227,7 +245,6 @@ class BookDiscoverer(Discoverer):
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
         # One row of votes for each known entity.
         self._votes = np.zeros((0, self._book.num_entities))
-        self._untried = np.zeros((0, 0), dtype=bool)
         self._is_new = np.ones(self._book.num_entities, dtype=bool)
         super().begin(base, rng)
 
@@ -242,25 +259,14 @@ class BookDiscoverer(Discoverer):
         self._votes = np.vstack([self._votes, votes / self._made])
         # Values change with what is known alone, so the next choice computes them.
         self._values: Floats | None = None
-        self._untried = np.pad(self._untried, (0, 1), constant_values=True)
 
-    def choose(self) -> Pair:  # noqa: D102
-        # Below the diagonal each pair stands once.
-        firsts, seconds = np.nonzero(np.tril(self._untried))
+    def values(self, untried: Ids) -> Floats:  # noqa: D102
         if self._values is None:
             self._values = self._values_of_pairs()
-        best = self.draw_best(self._values[firsts, seconds])
-        self._chosen = (int(firsts[best]), int(seconds[best]))
-        return self.known[firsts[best]], self.known[seconds[best]]
-
-    def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
-        first, second = self._chosen
-        self._untried[first, second] = False
-        self._untried[second, first] = False
-        super().observe(pair, new)
+        return self._values[untried]
 
     def _values_of_pairs(self) -> Floats:
-        """Return the values of all pairs of K known entities, shape (K, K), below the diagonal."""
+        """Return the values of all P pairs of K known entities, shape (P,)."""
         votes = self._votes * self._is_new
         values = votes @ votes.T
         # An entity with itself has one voter, not two.
@@ -273,7 +279,8 @@ class BookDiscoverer(Discoverer):
         pairs = np.sort(places[recipes[:, :2]], axis=1)
         seconds, firsts = pairs[pairs[:, 0] >= 0].T
         np.add.at(values, (firsts, seconds), 1)
-        return values
+        # Below the diagonal of the table (K, K) each pair stands once, in the order of numbers.
+        return values[np.tril_indices(len(values))]
 
 
 DISCOVERERS = {
@@ -290,9 +297,13 @@ DISCOVERERS = {
     ),
 }
 """Short descriptions of the players, by name."""
-ORACLE = "greedy"
-"""The player that knows the world, and is the measure of all others."""
-GUIDED = ("recipe-learner", "book-votes")
+_NEEDS = {
+    "recipe-learner": (
+        "`scorer` from `wordcraft-kg train-recipes`, of any book: a trained model folder"
+    ),
+    "book-votes": "`book`: a book whose recipes it knows",
+}
+GUIDED = tuple(_NEEDS)
 """Players that need a trained model or another book."""
 
 
@@ -332,13 +343,8 @@ def make_discoverers(
     players = {}
     for name in names:
         one_of("players", name, tuple(DISCOVERERS))
-        if name == "book-votes" and book is None:
-            raise ConfigError("player 'book-votes' needs a `book`: a book whose recipes it knows.")
         if name not in makers:
-            raise ConfigError(
-                f"player '{name}' needs a `scorer` from `wordcraft-kg train-recipes`, of any book: "
-                "a trained model folder."
-            )
+            raise ConfigError(f"player '{name}' needs a {_NEEDS[name]}.")
         players[name] = makers[name]()
     return players
 
@@ -350,35 +356,6 @@ def _glove(graph: RecipeGraph) -> Floats:
     return glove_features(graph.entities).unit_vectors
 
 
-class Plays(NamedTuple):
-    """All runs of several players in one world.
-
-    Attributes:
-        players: names of the P players.
-        known: number of known entities after each attempt, 0 (the base) first, shape (P, runs,
-            attempts + 1).
-        learnt: attempt at which each entity became known, shape (P, runs, E), int32; 0 for the base
-            and :data:`NEVER` for entities that stayed unknown.
-    """
-
-    players: tuple[str, ...]
-    known: NDArray[np.int64]
-    learnt: NDArray[np.int32]
-
-    def frame(self) -> "pd.DataFrame":
-        """Return curves: a row per player, run and attempt, 0 to the last.
-
-        Columns are ``player``, ``run``, ``attempt`` and ``known``.
-        """
-        import pandas as pd
-
-        _, runs, marks = self.known.shape
-        index = pd.MultiIndex.from_product(
-            [list(self.players), range(runs), range(marks)], names=["player", "run", "attempt"]
-        )
-        return pd.DataFrame({"known": self.known.ravel()}, index=index).reset_index()
-
-
 def play_runs(
     graph: RecipeGraph,
     players: Mapping[str, Discoverer],
@@ -386,8 +363,8 @@ def play_runs(
     runs: int = 100,
     seed: int = 0,
     base: Iterable[Entity] | None = None,
-) -> Plays:
-    """Let players discover entities, and record when each entity became known.
+) -> dict[str, NDArray[np.int64]]:
+    """Let players discover entities, and count the known entities.
 
     Rules are as in ``WordCraft-OpenEnded-v0``, but without observations. Run ``i`` uses
     ``np.random.default_rng([seed, i])``, so results do not depend on the choice of players. A run
@@ -401,6 +378,10 @@ def play_runs(
         seed: root seed of all random choices.
         base: entities known at the start; None for the graph's base.
 
+    Returns:
+        The curves of each player by name: number of known entities after each attempt, 0 (the base)
+        first, shape (runs, attempts + 1).
+
     Raises:
         ConfigError: for numbers out of range, or a base with an unknown entity or from which
             nothing can be made.
@@ -408,95 +389,23 @@ def play_runs(
     whole("attempts", attempts, 1, MAX_SIZE)
     whole("runs", runs, 1, MAX_SIZE)
     whole("seed", seed, 0)
-    rows = len(players) * runs * (attempts + 1)
-    bytes_of_entities = 4 * len(players) * runs * graph.num_entities
-    check_memory(
-        "runs",
-        runs,
-        f"their curves of {attempts:,} attempts",
-        rows * _BYTES_PER_ROW + bytes_of_entities,
-    )
+    num_bytes = 8 * len(players) * runs * (attempts + 1)
+    check_memory("runs", runs, f"their curves of {attempts:,} attempts", num_bytes)
     game = Discovery(graph, base)
-    shape = (len(players), runs, attempts + 1)
-    known_counts = np.zeros(shape, dtype=np.int64)
-    learnt = np.full((len(players), runs, graph.num_entities), NEVER, dtype=np.int32)
-    learnt[:, :, list(game.base)] = 0
-    for number, (name, player) in enumerate(players.items()):
+    curves = {}
+    for name, player in players.items():
+        known_counts = np.zeros((runs, attempts + 1), dtype=np.int64)
         for run in steps(f"playing {name}", range(runs)):
             game.restart()
             player.begin(game.base, np.random.default_rng([seed, run]))
-            known_counts[number, run] = len(game.base)
+            known_counts[run] = len(game.base)
             for attempt in range(1, attempts + 1):
                 pair = player.choose()
                 new, _ = game.combine(*pair)
                 player.observe(pair, new)
-                learnt[number, run, list(new)] = attempt
                 # To the end, so that a run that stops early keeps its count.
-                known_counts[number, run, attempt:] = len(game.known)
+                known_counts[run, attempt:] = len(game.known)
                 if game.is_complete:
                     break
-    return Plays(tuple(players), known_counts, learnt)
-
-
-def summarise_curves(
-    curves: "pd.DataFrame",
-    marks: Sequence[int] = (*MARKS, *LATER_MARKS),
-) -> "pd.DataFrame":
-    """Average the number of known entities over runs, after some numbers of attempts.
-
-    Args:
-        curves: from :meth:`Plays.frame`.
-        marks: numbers of attempts, limited to the curves; the last attempt is always included.
-
-    Returns:
-        A table with a row per player and number of attempts, in the order of ``curves``: ``mean``
-        over runs, and ``low`` and ``high`` of the 95 % interval (Student's t, not below
-        the start; NaN for one run).
-    """
-    last = int(curves["attempt"].max())
-    attempts = {mark for mark in marks if mark <= last} | {last}
-    is_chosen = curves["attempt"].isin(sorted(attempts))
-    groups = curves[is_chosen].groupby(["player", "attempt"], sort=False)
-    table = groups["known"].agg(mean="mean", error="sem").reset_index()
-    # A single run has no error.
-    free = max(curves["run"].nunique() - 1, 1)
-    margin = _student_quantile(free) * table.pop("error")
-    # Nothing is forgotten: no run knows less than the fewest at the start.
-    table["low"] = np.maximum(table["mean"] - margin, curves["known"].min())
-    table["high"] = table["mean"] + margin
-    return table
-
-
-def _student_quantile(free: int) -> float:
-    """Return the 97.5 % quantile of Student's t, without SciPy: the small installation lacks it.
-
-    Args:
-        free: degrees of freedom, 1 or more.
-
-    Source: Abramowitz and Stegun 1964, "Handbook of mathematical functions", 26.7.3 and 26.7.4.
-    """
-
-    def share_within(bound: float) -> float:
-        """Return the probability of -bound to bound."""
-        angle = math.atan(bound / math.sqrt(free))
-        sine = math.sin(angle)
-        cosine = math.cos(angle)
-        is_odd = free % 2 == 1
-        term = cosine if is_odd else 1.0
-        terms = 0.0 if free == 1 else term
-        # Powers of the cosine up to that of free - 2, every second one.
-        for power in range(3 if is_odd else 2, free - 1, 2):
-            term *= (power - 1) / power * cosine**2
-            terms += term
-        return (angle + sine * terms) * 2 / math.pi if is_odd else sine * terms
-
-    low = 0.0
-    high = 13.0  # above 12.71, the quantile of one degree of freedom
-    # Each step halves the bracket: 60 reach the last bit.
-    for _ in range(60):
-        middle = (low + high) / 2
-        if share_within(middle) < 0.95:
-            low = middle
-        else:
-            high = middle
-    return high
+        curves[name] = known_counts
+    return curves

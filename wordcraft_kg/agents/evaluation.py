@@ -1,6 +1,6 @@
 """Evaluation of policies and players on all tasks in a part of the split, on fixed tables."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -65,11 +65,9 @@ class PolicyPlayer:
         # The same for all states, and costly: vectors of all entities.
         weights = self.policy.weights()
         device = next(self.policy.parameters()).device
-        batches = [
-            states.rows(start, start + ROWS, device) for start in range(0, state.num_envs, ROWS)
-        ]
         slot_batches = []
-        for batch in batches:
+        for start in range(0, state.num_envs, ROWS):
+            batch = states.rows(start, start + ROWS, device)
             scores = self.policy.external_scores(batch, self.silent)
             slot_batches.append(self.policy.best_slots(batch, weights, scores))
         slots = torch.cat(slot_batches)
@@ -109,8 +107,6 @@ class Evaluation:
         by_plan: shape (N, D), bool: a plan's last pair made the goal.
         actions: shape (N, D), int64: episode length in actions.
         terminations: shape (N, D), int8: index into :data:`TERMINATION_REASONS`.
-        last: shape (N, D, 2), int64: ids of the last pair, in order of actions; for recipes of
-            other sizes, of the last set, with as many places as the largest recipe.
         decisions: shape (N, D), int64: hash of the attempted pairs, in order of attempts but not of
             actions.
     """
@@ -121,7 +117,6 @@ class Evaluation:
     by_plan: NDArray[np.bool_]
     actions: Ids
     terminations: NDArray[np.int8]
-    last: Ids
     decisions: Ids
 
     def metrics(self) -> Success:
@@ -154,7 +149,7 @@ class Evaluator:
         world: World,
         *,
         distractor_seeds: int | None = None,
-        limit: int | None = MOST_TASKS,
+        limit: int = MOST_TASKS,
         seed: int = EVALUATION_SEED,
     ):
         """Create an environment for each of at most ``limit`` tasks.
@@ -163,16 +158,14 @@ class Evaluator:
             world: graph, tasks and settings.
             distractor_seeds: tables per task; None for
                 :func:`~wordcraft_kg.envs.draws.default_seeds`.
-            limit: most tasks; of more, evenly spaced ones are played. None for no limit.
+            limit: most tasks; of more, evenly spaced ones are played.
             seed: draws the tables.
 
         Raises:
             ConfigError: if ``distractor_seeds`` or ``limit`` is below 1, or the episodes do not fit
                 into memory.
         """
-        if limit is not None:
-            whole("limit", limit, 1)
-        self.tasks = sampled_tasks(world, limit)
+        self.tasks = sampled_tasks(world, whole("limit", limit, 1))
         warn_of_sample(world, self.tasks, limit)
         if distractor_seeds is None:
             distractor_seeds = default_seeds(len(world.tasks))
@@ -214,12 +207,15 @@ class Evaluator:
             ActionError: if a player chooses a number that is not a slot.
         """
         shape = (len(self.tasks), self.distractor_seeds)
-        success = np.zeros(shape, dtype=bool)
-        by_plan = np.zeros(shape, dtype=bool)
-        actions = np.zeros(shape, dtype=np.int64)
-        terminations = np.zeros(shape, dtype=np.int8)
-        last = np.zeros((*shape, self.engine.world.graph.most_ingredients), dtype=np.int64)
-        decisions = np.zeros(shape, dtype=np.int64)
+        result = Evaluation(
+            tasks=self.tasks,
+            groups=self.engine.world.groups[self.tasks],
+            success=np.zeros(shape, dtype=bool),
+            by_plan=np.zeros(shape, dtype=bool),
+            actions=np.zeros(shape, dtype=np.int64),
+            terminations=np.zeros(shape, dtype=np.int8),
+            decisions=np.zeros(shape, dtype=np.int64),
+        )
         engine = self.engine
         for distractor_seed in steps(stage, range(self.distractor_seeds)):
             state = engine.pose(self.tasks, distractor_seed, seed=self._seed)
@@ -231,25 +227,21 @@ class Evaluator:
                 slots = player(before, choices)
                 state, step = engine.step_once(before, slots)
                 picks = before.picked(slots)
-                actions[running, distractor_seed] += 1
-                success[:, distractor_seed] |= step.outcome == GOAL
-                by_plan[:, distractor_seed] |= step.by_plan
+                result.actions[running, distractor_seed] += 1
+                result.success[:, distractor_seed] |= step.outcome == GOAL
+                result.by_plan[:, distractor_seed] |= step.by_plan
                 is_attempt = running & before.has_selection() & ~state.has_selection()
                 # The picks as one number, equal for all orders.
                 set_number = np.zeros(len(self.tasks), dtype=np.int64)
                 for column in np.sort(picks, axis=1).T:
                     set_number = set_number * engine.nothing + column
                 # A polynomial of the sets in turn, so the order of attempts counts.
-                decisions[is_attempt, distractor_seed] *= _HASH_FACTOR
-                decisions[is_attempt, distractor_seed] += 1 + set_number[is_attempt]
+                result.decisions[is_attempt, distractor_seed] *= _HASH_FACTOR
+                result.decisions[is_attempt, distractor_seed] += 1 + set_number[is_attempt]
                 over = step.over
                 ended = np.where(step.outcome == GOAL, 0, self._termination(picks))
-                terminations[over, distractor_seed] = ended[over]
-                last[over, distractor_seed] = picks[over]
-        groups = engine.world.groups[self.tasks]
-        return Evaluation(
-            self.tasks, groups, success, by_plan, actions, terminations, last, decisions
-        )
+                result.terminations[over, distractor_seed] = ended[over]
+        return result
 
     def _termination(self, picks: Ids) -> NDArray[np.int64]:
         """Return an index into :data:`TERMINATION_REASONS` for each failed attempt."""
@@ -378,47 +370,37 @@ def play_all(
             rng = np.random.default_rng([seed, amount])
             stage = f"playing {name}, {counted(amount, 'distractor')}"
             result = evaluator(player, rng, stage)
-            rows += success_rows(name, amount, result.success, result.by_plan, result.groups, masks)
+            rows += success_rows(name, amount, result, masks)
     return tuple(rows)
 
 
 def success_rows(
     name: str,
     distractors: int,
-    success: NDArray[np.bool_],
-    by_plan: NDArray[np.bool_],
-    clusters: Ids,
+    result: Evaluation,
     groups: Mapping[str, NDArray[np.bool_]],
-) -> list[PlayerSuccess]:
-    """Return the rows of a player that has played N tasks on D tables each.
+) -> Iterator[PlayerSuccess]:
+    """Yield the rows of a player that has played N tasks: for all tasks, then for each group.
 
     Args:
         name: the player's name.
         distractors: distractors on each table.
-        success: shape (N, D): whether the goal was made.
-        by_plan: shape (N, D): whether a plan's last pair made the goal.
-        clusters: shape (N,): each task's resampling group, see :attr:`World.groups`.
+        result: the player's outcomes.
         groups: groups of goals by name, masks of shape (N,); those without tasks have no row.
-
-    Returns:
-        A row for all tasks, then one for each group.
     """
-    rows = []
-    masks = {"": np.ones(len(success), dtype=bool), **groups}
-    for group, mask in masks.items():
+    everything = {"": np.ones(len(result.tasks), dtype=bool)}
+    for group, mask in {**everything, **groups}.items():
         if not mask.any():
             continue
-        low, high = task_bootstrap(success[mask], clusters[mask])
-        rows.append(
-            PlayerSuccess(
-                player=name,
-                distractors=distractors,
-                episodes=success[mask].size,
-                success=float(success[mask].mean()),
-                low=low,
-                high=high,
-                by_plan=float(by_plan[mask].mean()),
-                goals=group,
-            )
+        success = result.success[mask]
+        low, high = task_bootstrap(success, result.groups[mask])
+        yield PlayerSuccess(
+            player=name,
+            distractors=distractors,
+            episodes=success.size,
+            success=float(success.mean()),
+            low=low,
+            high=high,
+            by_plan=float(result.by_plan[mask].mean()),
+            goals=group,
         )
-    return rows

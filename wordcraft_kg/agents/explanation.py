@@ -1,7 +1,7 @@
 """Explanations for an agent's actions: a slot's logit, split into contributions by sources."""
 
 import copy
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Annotated, Literal, NamedTuple, get_args
 
@@ -144,13 +144,10 @@ class ExplainedStep(Record):
         best_first = sorted(self.slots, key=lambda slot: -slot.logit)
         for slot in best_first:
             evidence = slot.evidence
-            if evidence is None:
-                continue
-            if not (evidence.because or evidence.outside or evidence.plan):
-                continue
-            # The same pair supports both of its slots; the slot with the higher logit comes first.
-            pair = frozenset((slot.entity, evidence.partner))
-            pairs.setdefault(pair, (slot.entity, evidence))
+            if evidence is not None and (evidence.because or evidence.outside or evidence.plan):
+                # The same pair supports both of its slots; that with the higher logit comes first.
+                pair = frozenset((slot.entity, evidence.partner))
+                pairs.setdefault(pair, (slot.entity, evidence))
         return list(pairs.values())[:limit]
 
 
@@ -235,6 +232,10 @@ class Explainer:
     Explanations use double precision, so contributions add up to the logit, and probabilities to 1,
     within 1e-9. The policy is copied, so other tasks may be set in the original.
 
+    Attributes:
+        world: the world with the tasks.
+        tables: the starting tables of evaluations.
+
     Example:
         >>> agent = open_agent("runs/kitchen")
         >>> world = World(agent.opened, agent.config.tasks.environment("test"))
@@ -288,7 +289,7 @@ class Explainer:
         with torch.no_grad():
             self._weights = self._policy.weights()
             self._exact_weights = self._exact.weights()
-        self._tables = EvaluationTables(world)
+        self.tables = EvaluationTables(world)
 
     def episode(self, task: int, distractor_seed: int = 0) -> ExplainedEpisode:
         """Play and explain a task (index) on an evaluation table.
@@ -296,7 +297,7 @@ class Explainer:
         Raises:
             ConfigError: if there is no such task or table, or the policy has other slots.
         """
-        return self._played(self._of_task(task, self.drawn(task, distractor_seed)))
+        return self._played(self._of_task(task, self.tables.table(task, distractor_seed)))
 
     def task(self, task: int, distractor_seed: int = 0) -> ExplainedTable:
         """Return an :meth:`episode` with the plans at its table and the model behind its scores.
@@ -304,7 +305,7 @@ class Explainer:
         Raises:
             ConfigError: if there is no such task or table, or the policy has other slots.
         """
-        return self._explained(self._of_task(task, self.drawn(task, distractor_seed)))
+        return self._explained(self._of_task(task, self.tables.table(task, distractor_seed)))
 
     def table(
         self,
@@ -347,22 +348,16 @@ class Explainer:
                     "or select nothing."
                 )
         if len(selected) >= graph.most_ingredients:
-            expected = f"at most {graph.most_ingredients - 1}"
-            raise ConfigError(f"`selection` of {len(selected)} entities: expected {expected}.")
+            raise ConfigError(
+                f"`selection` of {len(selected)} entities: expected at most "
+                f"{graph.most_ingredients - 1}."
+            )
         if like is not None:
             whole("like", like, 0, len(tasks) - 1)
             start = self.world.without_nothing(tasks.starts[like].tolist())
             if tasks.goals[like] == target and {*start} <= {*ids}:
                 return self._explained(self._of_task(like, ids)._replace(selection=selected))
         return self._explained(self._of_table(target, ids)._replace(selection=selected))
-
-    def drawn(self, task: int, distractor_seed: int = 0) -> list[int]:
-        """Return the entity ids on an evaluation table; see :meth:`episode`.
-
-        Raises:
-            ConfigError: if there is no such task or table.
-        """
-        return self._tables.table(task, distractor_seed)
 
     def _of_task(self, task: int, table: list[int]) -> _Query:
         tasks = self.world.tasks
@@ -408,37 +403,38 @@ class Explainer:
 
     def _folds(self) -> Ids | None:
         for source in self._policy.sources.values():
-            if not isinstance(source, FoldedSource) or not source.reads_task:
-                continue
-            if len(source.fold_of_recipe):
+            if (
+                isinstance(source, FoldedSource)
+                and source.reads_task
+                and len(source.fold_of_recipe)
+            ):
                 return np.asarray(source.fold_of_recipe.cpu().numpy())
         return None
 
     def _explained(self, query: _Query) -> ExplainedTable:
+        graph = self.world.graph
         model, fold, is_seen = self._answering(query)
+        parts = get_args(Part)
         ways = []
         for way in self._ways(query.goal, query.table):
-            ways.append(self._table_recipes(way, is_seen))
+            recipes = graph.recipe_labels(graph.sets[list(way)])
+            table_recipes = (
+                TableRecipe(
+                    ingredients=recipe.ingredients,
+                    result=recipe.result,
+                    part=parts[self.world.split.parts[row]],
+                    is_in_sample=bool(is_seen[row]),
+                )
+                for row, recipe in zip(way, recipes, strict=True)
+            )
+            ways.append(tuple(table_recipes))
         return ExplainedTable(
-            table=self.world.graph.labels(query.table),
+            table=graph.labels(query.table),
             ways=tuple(ways),
             model=model,
             fold=fold,
             episode=self._played(query),
         )
-
-    def _table_recipes(self, way: Rows, is_seen: NDArray[np.bool_]) -> tuple[TableRecipe, ...]:
-        graph = self.world.graph
-        names = get_args(Part)
-        recipes = []
-        labels = graph.recipe_labels(graph.sets[list(way)])
-        for row, recipe in zip(way, labels, strict=True):
-            part = names[self.world.split.parts[row]]
-            is_in_sample = bool(is_seen[row])
-            recipes.append(
-                TableRecipe(recipe.ingredients, recipe.result, part, is_in_sample=is_in_sample)
-            )
-        return tuple(recipes)
 
     def _answering(self, query: _Query) -> tuple[Model, int | None, NDArray[np.bool_]]:
         """Return the model that gives the scores, the fold it has not seen, and its recipes."""
@@ -448,9 +444,9 @@ class Explainer:
             return "no_scorer", None, np.zeros_like(is_train)
         if self._kg == "none":
             return "no_recipes", None, np.zeros_like(is_train)
+        if folds is None and self._kg == "full":
+            return "all_recipes", None, self._known(np.ones_like(is_train), 0)
         if folds is None:
-            if self._kg == "full":
-                return "all_recipes", None, self._known(np.ones_like(is_train), 0)
             return "train_recipes", None, self._known(is_train, 0)
         seen_recipes = seen_by_models(folds)
         # Model 0 is that of all train recipes, model i + 1 lacks fold i, the last one is no model.
@@ -509,7 +505,7 @@ class Explainer:
             labels = dict(enumerate(graph.labels(table)))
             if world.has_combine and picks:
                 labels[room - 1] = ""
-            slots = _slots(self._names, output, labels, parts, evidence)
+            slots = tuple(_slots(self._names, output, labels, parts, evidence))
             selected = " + ".join(graph.labels(picks)) or None
             made_ids: list[int] = []
             if action < len(table):
@@ -557,10 +553,10 @@ class Explainer:
                 if self._outside:
                     entity = int(state.table[0, slot])
                     outside = self._outside.of_recipe(entity, evidence.partner, expected)
-                plan = []
-                for a, b, product, probability in evidence.plan:
-                    labels = (entities[a], entities[b], entities[product])
-                    plan.append(ExpectedAttempt(*labels, probability))
+                plan = (
+                    ExpectedAttempt(entities[a], entities[b], entities[product], probability)
+                    for a, b, product, probability in evidence.plan
+                )
                 result[slot] = SlotEvidence(
                     source=name,
                     partner=entities[evidence.partner],
@@ -628,34 +624,32 @@ def explain_episodes(
             scorer.
     """
     explainer = Explainer(policy, world, outside=outside)
-    if task is not None:
-        whole("task", task, 0, len(world.tasks) - 1)
-        return tuple(explainer.episode(task, number) for number in range(episodes))
-    tasks, distractor_seeds = _choose_tasks(world, goal, episodes)
-    episodes_to_play = list(zip(tasks.tolist(), distractor_seeds.tolist(), strict=True))
-    explained = []
-    for number, distractor_seed in steps("explaining", episodes_to_play):
-        explained.append(explainer.episode(number, distractor_seed))
-    return tuple(explained)
+    tables = list(_chosen_tables(world, goal, task, episodes))
+    return tuple(explainer.episode(*table) for table in steps("explaining", tables))
 
 
-def _choose_tasks(world: World, goal: str | None, episodes: int) -> tuple[Ids, Ids]:
-    graph = world.graph
+def _chosen_tables(
+    world: World, goal: str | None, task: int | None, episodes: int
+) -> Iterator[tuple[int, int]]:
+    """Return the tasks and distractor seeds to play; arguments as of :func:`explain_episodes`."""
     tasks = world.tasks
-    if goal is None:
-        # Evenly spaced, because neighbouring tasks have the same goal.
-        number = min(episodes, len(tasks))
-        rows = np.linspace(0, len(tasks) - 1, number).astype(np.int64)
-        return rows, np.zeros_like(rows)
-    rows = np.flatnonzero(tasks.goals == graph.id_of(goal))
-    if not len(rows):
-        raise TaskError(
-            f"no {world.config.part} task of depth {world.config.depth} has the goal '{goal}'. "
-            "Choose another goal, or `part` all."
-        )
+    if task is not None:
+        rows = np.array([whole("task", task, 0, len(tasks) - 1)])
+    elif goal is not None:
+        rows = np.flatnonzero(tasks.goals == world.graph.id_of(goal))
+        if not len(rows):
+            raise TaskError(
+                f"no {world.config.part} task of depth {world.config.depth} has the goal '{goal}'. "
+                "Choose another goal, or `part` all."
+            )
+    else:
+        # Evenly spaced, because neighbouring tasks have the same goal; each on its first table.
+        episodes = min(episodes, len(tasks))
+        rows = np.linspace(0, len(tasks) - 1, episodes).astype(np.int64)
     # All tasks with the first table, then all with the second one.
-    numbers = np.arange(episodes)
-    return rows[numbers % len(rows)], numbers // len(rows)
+    for number in range(episodes):
+        distractor_seed, place = divmod(number, len(rows))
+        yield int(rows[place]), distractor_seed
 
 
 def _slots(
@@ -664,7 +658,7 @@ def _slots(
     labels: Mapping[int, str],
     parts: set[str],
     evidence: Sequence[SlotEvidence | None],
-) -> tuple[ExplainedSlot, ...]:
+) -> Iterator[ExplainedSlot]:
     # The only state of the batch.
     own_logits = checked_logits(output.logits)[0]
     logits = own_logits.tolist()
@@ -677,21 +671,17 @@ def _slots(
     else:
         values = output.sources[0]
         lambdas = output.lambdas[0].tolist()
-    rows = []
     for i, label in labels.items():
         sources = dict(zip(names, values[:, i].tolist(), strict=True))
-        contributions = {}
-        for name, weight in zip(names, lambdas, strict=True):
-            contributions[name] = weight * sources[name]
-        rows.append(
-            ExplainedSlot(
-                entity=label,
-                is_part=label in parts,
-                sources=sources,
-                contributions=contributions,
-                logit=logits[i],
-                probability=probabilities[i],
-                evidence=evidence[i],
-            )
+        contributions = {
+            name: weight * sources[name] for name, weight in zip(names, lambdas, strict=True)
+        }
+        yield ExplainedSlot(
+            entity=label,
+            is_part=label in parts,
+            sources=sources,
+            contributions=contributions,
+            logit=logits[i],
+            probability=probabilities[i],
+            evidence=evidence[i],
         )
-    return tuple(rows)

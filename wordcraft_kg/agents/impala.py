@@ -32,7 +32,7 @@ from wordcraft_kg.agents.losses import (
 )
 from wordcraft_kg.agents.states import bind_tasks, states_of
 from wordcraft_kg.base import ConfigError, TrainingError, check_memory
-from wordcraft_kg.base.tensors import as_tensor, copied
+from wordcraft_kg.base.tensors import as_tensor, copied, with_prefix
 from wordcraft_kg.envs.batch import GOAL, State
 from wordcraft_kg.models.policies.policy import Policy, Weights, log_policy
 from wordcraft_kg.models.policies.sources import W
@@ -152,7 +152,7 @@ class Impala:
         self._parameters = [
             parameter for parameter in policy.parameters() if parameter.requires_grad
         ]
-        self._flat = self._flattened()
+        self._flat, self._gradient = self._flattened()
         self.optimizer = torch.optim.RMSprop(
             [self._flat],
             lr=config.first_rate,
@@ -160,6 +160,12 @@ class Impala:
             eps=config.rms_epsilon,
             momentum=config.momentum,
         )
+        # As RMSProp makes it in its first step; made here, every checkpoint has it.
+        optimizer_state = self.optimizer.state[self._flat]
+        optimizer_state["step"] = torch.tensor(0.0)  # counted on the CPU
+        averages = ("square_avg", "momentum_buffer") if config.momentum else ("square_avg",)
+        for name in averages:
+            optimizer_state[name] = torch.zeros_like(self._flat)
         lag = min(config.policy_lag, config.updates)
         num_bytes = 4 * len(self._flat) * lag  # bytes of float32
         check_memory("policy_lag", config.policy_lag, "that many policies", num_bytes)
@@ -208,22 +214,23 @@ class Impala:
             return 3.0
         return 1.0 if self.policy.config.policy == "pairs" else 0.3
 
-    def _flattened(self) -> nn.Parameter:
-        """Make all parameters and gradients views of one flat tensor each.
+    def _flattened(self) -> tuple[nn.Parameter, Tensor]:
+        """Make all parameters and gradients views of one flat tensor each, and return the two.
 
         So an optimiser step, a gradient norm and a check for NaN take a few calls, not hundreds.
         """
         pieces = [parameter.detach().reshape(-1) for parameter in self._parameters]
         flat = nn.Parameter(torch.cat(pieces))
-        flat.grad = torch.zeros_like(flat)
+        flat_gradient = torch.zeros_like(flat)
+        flat.grad = flat_gradient
         sizes = [len(piece) for piece in pieces]
         values = flat.data.split(sizes)
-        gradients = flat.grad.split(sizes)
+        gradients = flat_gradient.split(sizes)
         for parameter, value, gradient in zip(self._parameters, values, gradients, strict=True):
             parameter.data = value.view_as(parameter)
             # `backward` adds to an existing gradient in place, and so writes into the flat tensor.
             parameter.grad = gradient.view_as(parameter)
-        return flat
+        return flat, flat_gradient
 
     def _empty_unroll(self) -> _Unroll:
         """Allocate the tensors of an unroll, which every update overwrites."""
@@ -231,18 +238,7 @@ class Impala:
         batch = self.config.num_envs
         slots = self._slots
         choices = self.policy.num_choices(slots)
-        external_scores = None
-        if self.policy.sources:
-            # Scores stay 0 in the last states: only their value matters, and does not depend on
-            # scores.
-            shape = (time + 1, batch, len(self.policy.sources), choices)
-            external_scores = self._empty(*shape).zero_()
-        noise = None
-        if self.policy.noise_size:
-            noise = self._empty(time + 1, batch, self.policy.noise_size)
-        remembered = None
-        if self._remembers:
-            remembered = self._empty(time, batch, choices, dtype=torch.bool)
+        num_sources = len(self.policy.sources)
         return _Unroll(
             states=States(
                 goal=self._empty(time + 1, batch, dtype=torch.int64),
@@ -252,9 +248,19 @@ class Impala:
                 table=self._empty(time + 1, batch, slots, dtype=torch.int64),
                 attempts=Attempts(self._empty(time + 1, batch, dtype=torch.int64)),
             ),
-            external_scores=external_scores,
-            noise=noise,
-            remembered=remembered,
+            # Scores stay 0 in the last states: only their value matters, and does not depend on
+            # scores.
+            external_scores=(
+                self._empty(time + 1, batch, num_sources, choices).zero_() if num_sources else None
+            ),
+            noise=(
+                self._empty(time + 1, batch, self.policy.noise_size)
+                if self.policy.noise_size
+                else None
+            ),
+            remembered=(
+                self._empty(time, batch, choices, dtype=torch.bool) if self._remembers else None
+            ),
             actions=self._empty(time, batch, dtype=torch.int64),
             log_probs=self._empty(time, batch),
             rewards=self._empty(time, batch),
@@ -286,10 +292,9 @@ class Impala:
         ahead: Future[Tensor | None] | None = None
         if self.scores_ahead and self.update_number + 1 < self.config.updates:
             ahead = self._ahead.submit(self.policy.external_scores, self._states())
-        assert self._flat.grad is not None
         try:
             # Gradients flow through `weights` into the views of the flat gradient.
-            self._flat.grad.zero_()
+            self._gradient.zero_()
             losses, last = self._learn(weights, self._unroll, is_cut)
             # Copied, because a compiled learner reuses its output tensors.
             details = _Last(last.log_rhos.clone(), last.lambdas.clone())
@@ -306,17 +311,16 @@ class Impala:
         Raises:
             TrainingError: if the loss is not finite, on the CPU; then parameters are unchanged.
         """
-        assert self._flat.grad is not None
         losses.loss.backward()
 
         # Clip the norm of all gradients together, as `clip_grad_norm_` does.
-        norm = self._flat.grad.norm()
+        norm = self._gradient.norm()
         # Checked only on the CPU: on a device a check would wait for all pending work, so
         # take_metrics and state check there.
         if self.device.type == "cpu" and not math.isfinite(norm.item()):
             raise TrainingError(self._not_finite())
         scale = self.config.clip / (norm + 1e-6)
-        self._flat.grad.mul_(scale.clamp(max=1))
+        self._gradient.mul_(scale.clamp(max=1))
 
         # The learning rate decays linearly to 0 at the end of training.
         remaining = max(0, 1 - self.update_number / self.config.updates)
@@ -331,11 +335,10 @@ class Impala:
         acting = {name: tensor.detach() for name, tensor in weights.items()}
         if not self.config.policy_lag:
             return acting
-        snapshot = {}
-        for name, tensor in acting.items():
-            # Contiguous, as in a checkpoint: products with a transposed tensor round differently,
-            # and a resumed training would end with other bits.
-            snapshot[name] = tensor.clone(memory_format=torch.contiguous_format)
+        # Contiguous, as in a checkpoint: products with a transposed tensor round differently, and a
+        # resumed training would end with other bits.
+        layout = torch.contiguous_format
+        snapshot = {name: tensor.clone(memory_format=layout) for name, tensor in acting.items()}
         self._snapshots.append(snapshot)
         return self._snapshots[0]
 
@@ -368,12 +371,9 @@ class Impala:
         updates = max(sums["updates"], 1)
         metrics: dict[str, float | None] = {name: sums[name] / updates for name in LOSSES}
         metrics["entropy"] = sums["entropy"] / updates / self.config.steps_per_update
-        metrics["return"] = None
-        metrics["success"] = None
         episodes = sums["episodes"]
-        if episodes:
-            metrics["return"] = sums["rewards"] / episodes
-            metrics["success"] = sums["successes"] / episodes
+        metrics["return"] = sums["rewards"] / episodes if episodes else None
+        metrics["success"] = sums["successes"] / episodes if episodes else None
         if self._last is None:
             return metrics
         ratios = self._last.log_rhos.exp()
@@ -391,9 +391,8 @@ class Impala:
         states = self._unroll.states.of(slice(-1)).flattened()
         is_first = states.num_selected(self.policy.num_entities) == 0
         for action, rows in (("first", is_first), ("second", ~is_first)):
-            means: list[float | None] = [None] * lambdas.shape[1]
-            if rows.any():
-                means = lambdas[rows].mean(0).tolist()
+            no_means: list[float | None] = [None] * lambdas.shape[1]
+            means = lambdas[rows].mean(0).tolist() if rows.any() else no_means
             for label, mean in zip(self.policy.labels, means, strict=True):
                 metrics[f"lambda_{label.name}_{action}"] = mean
         return metrics
@@ -412,21 +411,25 @@ class Impala:
         """
         if not self._flat.isfinite().all():
             raise TrainingError(self._not_finite())
-        tensors: dict[str, Tensor] = {}
-        for name, parameter in self.policy.named_parameters():
-            tensors[f"policy.{name}"] = parameter
-        for name, value in self.optimizer.state[self._flat].items():
-            tensors[f"optimizer.{name}"] = torch.as_tensor(value)
-        for name, array in self.envs.saved().items():
-            tensors[f"engine.{name}"] = torch.from_numpy(array)
+        tensors = self._changed_in_place()
+        engine = self.envs.saved().items()
+        tensors |= {f"engine.{name}": torch.from_numpy(array) for name, array in engine}
         for number, snapshot in enumerate(self._snapshots):
-            for name, tensor in snapshot.items():
-                tensors[f"snapshot.{number}.{name}"] = tensor
-        tensors["sums"] = self._sums
+            tensors |= {f"snapshot.{number}.{name}": part for name, part in snapshot.items()}
         tensors["successes"] = self.successes.keys
         tensors["generator"] = self._generator.get_state()
         tensors["update"] = torch.tensor(self.update_number)
         return copied(tensors)
+
+    def _changed_in_place(self) -> dict[str, Tensor]:
+        """Return the tensors that an update writes into, by their names in a state."""
+        parameters = self.policy.named_parameters()
+        averages = self.optimizer.state[self._flat].items()
+        return {
+            "sums": self._sums,
+            **{f"policy.{name}": parameter for name, parameter in parameters},
+            **{f"optimizer.{name}": average for name, average in averages},
+        }
 
     def restore(self, state: Mapping[str, Tensor]) -> None:
         """Continue training from a :meth:`state` with the same policy, tasks and settings.
@@ -437,26 +440,23 @@ class Impala:
             ConfigError: if an array of the environments has another shape.
         """
         with torch.no_grad():
-            for name, parameter in self.policy.named_parameters():
-                parameter.copy_(state[f"policy.{name}"])
-        self.optimizer.state[self._flat] = self._restored_optimizer(state)
-        saved = {}
-        for name in self.envs.saved():
-            saved[name] = state[f"engine.{name}"].numpy()
+            for name, tensor in self._changed_in_place().items():
+                # A tensor of another shape might be repeated to fit.
+                if state[name].shape != tensor.shape:
+                    sizes = f"{tuple(state[name].shape)}; expected {tuple(tensor.shape)}"
+                    raise RuntimeError(f"{name} has the size {sizes}")
+                tensor.copy_(state[name])
+        saved = {name: state[f"engine.{name}"].numpy() for name in self.envs.saved()}
         self.envs = self.envs.restored(saved)
         self._snapshots.clear()
-        snapshots: dict[int, Weights] = {}
-        for key, tensor in state.items():
-            if key.startswith("snapshot."):
-                # A weight's own name may contain dots.
-                _, number, name = key.split(".", 2)
-                snapshot = snapshots.setdefault(int(number), {})
-                snapshot[name] = tensor.to(self.device, copy=True)
-        # The oldest first, as they were taken.
-        for _, snapshot in sorted(snapshots.items()):
-            self._snapshots.append(snapshot)
+        # The oldest first, as they were taken; a weight's own name may contain dots.
+        names = with_prefix(state, "snapshot.")
+        for number in sorted({int(name.partition(".")[0]) for name in names}):
+            snapshot = with_prefix(state, f"snapshot.{number}.").items()
+            self._snapshots.append(
+                {name: part.to(self.device, copy=True) for name, part in snapshot}
+            )
         self._next_scores = None
-        self._sums.copy_(state["sums"])
         self.successes.keys = state["successes"].to(self.device, copy=True)
         self._generator.set_state(state["generator"])
         self.update_number = int(state["update"])
@@ -591,12 +591,10 @@ class Impala:
 
         # One call of the policy for all states: time and environments become one batch axis.
         states = unroll.states.of(slice(num_states)).flattened()
-        external_scores = unroll.external_scores
-        if external_scores is not None:
-            external_scores = external_scores[:num_states].flatten(0, 1)
-        noise = unroll.noise
-        if noise is not None:
-            noise = noise[:num_states].flatten(0, 1)
+        external_scores = None
+        if unroll.external_scores is not None:
+            external_scores = unroll.external_scores[:num_states].flatten(0, 1)
+        noise = None if unroll.noise is None else unroll.noise[:num_states].flatten(0, 1)
         output = self.policy.choose(states, weights, external_scores, noise)
 
         # Log-probabilities of all choices, (C, T · B), and of the chosen ones, (T, B).
@@ -636,36 +634,8 @@ class Impala:
             scorer_policy = log_policy(scores.masked_fill(is_empty, -torch.inf))
             loss = loss + self._scorer_cost * divergence(log_policies, scorer_policy)
 
-        if output.lambdas is None:
-            lambdas = loss.new_zeros(acted, 0)
-        else:
-            lambdas = output.lambdas[:acted].detach()
-        return _Loss(loss, policy_loss, value_loss, entropy), _Last(log_rhos, lambdas)
-
-    def _restored_optimizer(self, state: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """Return the optimiser's part of a state; torch would notice damage in the next update."""
-        expected: dict[str, tuple[int, ...]] = {}
-        if state["update"]:  # before the first update, RMSProp has no state
-            expected = {"step": (), "square_avg": self._flat.shape}
-            if self.config.momentum:
-                expected["momentum_buffer"] = self._flat.shape
-        prefix = "optimizer."
-        names = {name.removeprefix(prefix): name for name in state if name.startswith(prefix)}
-        if names.keys() != expected.keys():
-            raise KeyError(
-                f"optimiser tensors: expected {', '.join(expected) or 'none'}, "
-                f"found {', '.join(names)}"
-            )
-        restored = {}
-        for key, name in names.items():
-            tensor = state[name]
-            if tensor.shape != expected[key] or not tensor.is_floating_point():
-                raise RuntimeError(
-                    f"{name} has shape {tuple(tensor.shape)} and type {tensor.dtype}"
-                )
-            # RMSProp counts its steps on the CPU.
-            restored[key] = tensor.to("cpu" if key == "step" else self.device, copy=True)
-        return restored
+        lambdas = loss.new_zeros(acted, 0) if output.lambdas is None else output.lambdas[:acted]
+        return _Loss(loss, policy_loss, value_loss, entropy), _Last(log_rhos, lambdas.detach())
 
     def _not_finite(self) -> str:
         first = self.update_number * self.config.steps_per_update

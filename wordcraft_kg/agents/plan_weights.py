@@ -25,7 +25,7 @@ from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.models.policies.states import States
+from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.planning.search import FEATURES, MAX_ATTEMPTS
 from wordcraft_kg.planning.source import BestPlan, log_shares
 
@@ -87,10 +87,13 @@ def fit_plan_weights(
         return weights
     start = BatchEngine(world, len(task_sample)).pose(task_sample, 0, seed=seed)
     states = states_of(start)
+    assert states.attempts is not None
+    # As many attempts as a plan needs.
+    attempts_left = torch.full_like(states.goal, world.config.depth)
+    states = states._replace(attempts=states.attempts._replace(left=attempts_left))
     results = world.outcomes
     with torch_threads(1):
         for number in steps("weighing plans", range(world.config.depth, 0, -1)):
-            states = _with_attempts(states, number)
             leads = _pairs_to_goal(states, results, number, world.nothing)
             is_possible = leads.flatten(1).any(1)
             states = states.of(is_possible)
@@ -103,13 +106,6 @@ def fit_plan_weights(
             if number > 1:
                 states = _after_right_pair(states, leads, results, world.nothing, rng)
     return weights
-
-
-def _with_attempts(states: States, number: int) -> States:
-    """Return states with ``number`` attempts left."""
-    assert states.attempts is not None
-    attempts_left = torch.full_like(states.goal, number)
-    return states._replace(attempts=states.attempts._replace(left=attempts_left))
 
 
 def _pairs_to_goal(states: States, results: _Results, number: int, nothing: int) -> Tensor:
@@ -185,7 +181,7 @@ def _after_right_pair(
             table[row, slot] = entity
         num_tried = int((tried[row, :, 0] != nothing).sum())
         tried[row, num_tried] = torch.tensor([first, second])
-    after = states._replace(table=table, attempts=attempts._replace(tried=tried))
+    after = states._replace(table=table, attempts=Attempts(attempts.left - 1, tried))
     return after.of(goes_on)
 
 

@@ -1,15 +1,14 @@
 """A player for open-ended play that knows another book's recipes, and learns from its attempts."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.special import expit, log_softmax, logsumexp
 
-from wordcraft_kg.agents.discovery import Discoverer, Floats, Pair
-from wordcraft_kg.graphs.triples import COMPONENT_OF
+from wordcraft_kg.agents.discovery import BestPairDiscoverer, Floats, Pair
+from wordcraft_kg.graphs import COMPONENT_OF, Ids
 from wordcraft_kg.models.recipes.inductive import LabelledScorer
 
 CANDIDATES = 16
@@ -58,23 +57,7 @@ _STEPS = 3  # of Newton's method after each attempt; the weights change little
 _STEP = 1.0  # largest change of a weight in a step
 
 
-class Thought(NamedTuple):
-    """Why a player tried a pair.
-
-    Attributes:
-        reason: "random start", "cover" (an entity in the fewest attempts) or "value".
-        chance: probability that the pair makes something new, from the outcomes so far.
-        expected: the likeliest result that is not known, as the scorer's id; -1 without any.
-        share: its probability among the candidate results.
-    """
-
-    reason: str
-    chance: float
-    expected: int
-    share: float
-
-
-class RecipeDiscoverer(Discoverer):
+class RecipeDiscoverer(BestPairDiscoverer):
     """A player of pairs that probably make something new and useful; it learns from its attempts.
 
     A pair with features x (:data:`PRIOR`) makes something new with probability ``p = σ(w · x)``.
@@ -107,7 +90,6 @@ class RecipeDiscoverer(Discoverer):
         self._mean, self._variance = prior.T
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
-        self._pairs = np.empty((0, 2), dtype=np.int64)
         self._results = np.empty((0, self._width), dtype=np.int64)
         self._scores = np.empty((0, self._width))
         self._fixed = np.empty((0, len(PRIOR) - 1))
@@ -128,105 +110,71 @@ class RecipeDiscoverer(Discoverer):
         if row < self._own:
             self._is_known[row] = True
         self._score(row, partners)
-        results = []
-        scores = []
-        for partner in partners.tolist():
-            results_of_pair, scores_of_pair = self._scored[_ordered(row, partner)]
-            results.append(results_of_pair)
-            scores.append(scores_of_pair)
+        scored = [self._scored[_ordered(row, partner)] for partner in partners.tolist()]
+        results, scores = zip(*scored, strict=True)
         partner_ids = torch.from_numpy(partners)
-        is_foreign = row >= self._own
-        foreign_partners = partners >= self._own
+        num_foreign = float(row >= self._own) + (partners >= self._own)
         # In the order of `PRIOR`, without its second feature.
         fixed = [
             np.ones(len(partners)),
             self._uses[row] + self._uses[partners],
-            float(is_foreign) + foreign_partners,
+            num_foreign,
             self._knowledge.word_cosines(row, partner_ids).numpy(),
             self._knowledge.have_recipes(row, partner_ids).numpy(),
             partners == row,
         ]
-        repeated = np.full(len(partners), entity)
-        pairs = np.column_stack([repeated, self.known])
-        self._pairs = np.concatenate([self._pairs, pairs])
         self._results = np.concatenate([self._results, results])
         self._scores = np.concatenate([self._scores, scores])
         self._fixed = np.concatenate([self._fixed, np.column_stack(fixed)])
 
     def choose(self) -> Pair:  # noqa: D102
-        scores = self._scores_of_new()
-        # The second feature changes with each attempt; all others stay while a pair waits.
-        best = logsumexp(scores, axis=1)
-        features = np.insert(self._fixed, 1, best, axis=1)
+        pair = super().choose()
+        number = np.array([self.chosen])
+        scores = self._scores_of_new(number)
+        self._expected = np.exp(log_softmax(scores[0]))
+        self._seen = np.concatenate([self._seen, self._features(number, scores)])
+        self._attempts[list(pair)] += 1
+        return pair
+
+    def values(self, untried: Ids) -> Floats:
+        """Return the expected worth of n pairs by their numbers, shape (n,).
+
+        All are equal in a random start; else they are positive, or -1 for pairs that do not count.
+        """
         number = len(self._made) + 1
         if number <= FREE:
-            reason = "random start"
-            self._chosen = int(self.rng.integers(len(features)))
-        else:
-            reason = "value"
-            values = self._values(scores, features)
-            if number % COVER == 0:
-                reason = "cover"
-                attempts = self._attempts[self._pairs].min(axis=1)
-                # Below all values, which are positive.
-                values[attempts > attempts.min()] = -1
-            self._chosen = self.draw_best(values)
-        chosen_features = features[self._chosen]
-        pair = self._pairs[self._chosen]
-        self._expected = np.exp(log_softmax(scores[self._chosen]))
-        self.thought = self._thought(reason, chosen_features)
-        self._seen = np.concatenate([self._seen, chosen_features[None]])
-        first, second = pair.tolist()
-        self._attempts[[first, second]] += 1
-        return first, second
+            return np.zeros(len(untried))
+        scores = self._scores_of_new(untried)
+        shares = np.exp(log_softmax(scores, axis=1))
+        uses = self._uses[self._results[untried]]
+        gains = 1 + (shares * uses).sum(axis=1)
+        chances = expit(self._features(untried, scores) @ self._weights)
+        values = chances * gains
+        if number % COVER == 0:
+            attempts = self._attempts[self.pairs[untried]].min(axis=1)
+            values[attempts > attempts.min()] = -1
+        return np.asarray(values)
 
-    def _scores_of_new(self) -> Floats:
-        """Return the scores of the results of P waiting pairs as new entities, (P, width)."""
+    def _scores_of_new(self, pairs: Ids) -> Floats:
+        """Return the scores of the results of n pairs as new entities, (n,) -> (n, width)."""
         # A result that was expected in vain is less likely with every pair.
         doubt = DOUBT * np.log1p(self._failures)
-        doubted = self._scores - doubt[self._results]
+        results = self._results[pairs]
+        doubted = self._scores[pairs] - doubt[results]
         # A known result is nothing new; -inf would make a pair without other candidates undefined.
-        is_known = self._is_known[self._results]
-        return np.where(is_known, _NONE, doubted)
+        return np.where(self._is_known[results], _NONE, doubted)
 
-    def _values(self, scores: Floats, features: Floats) -> Floats:
-        """Return the expected worth of P waiting pairs, shape (P,), positive.
-
-        Args:
-            scores: from :meth:`_scores_of_new`.
-            features: features of the pairs, shape (P, len(PRIOR)).
-        """
-        shares = np.exp(log_softmax(scores, axis=1))
-        uses = self._uses[self._results]
-        gains = 1 + (shares * uses).sum(axis=1)
-        chances = expit(features @ self._weights)
-        return chances * gains
+    def _features(self, pairs: Ids, scores: Floats) -> Floats:
+        """Return the features of n pairs, shape (n, len(PRIOR)), by :meth:`_scores_of_new`."""
+        # The second feature changes with each attempt; all others stay.
+        return np.insert(self._fixed[pairs], 1, logsumexp(scores, axis=1), axis=1)
 
     def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
         if not new:
-            self._failures[self._results[self._chosen]] += self._expected
-        for name in ("_pairs", "_results", "_scores", "_fixed"):
-            rows = np.delete(getattr(self, name), self._chosen, axis=0)
-            setattr(self, name, rows)
+            self._failures[self._results[self.chosen]] += self._expected
         self._made = np.append(self._made, len(new) > 0)
         self._fit()
         super().observe(pair, new)
-
-    def _thought(self, reason: str, features: Floats) -> Thought:
-        """Return why the chosen pair is tried.
-
-        Args:
-            reason: the rule that chose the pair.
-            features: its features, shape (len(PRIOR),).
-        """
-        chance = float(expit(features @ self._weights))
-        results = self._results[self._chosen]
-        # Known results keep a tiny share, which is that of nothing new.
-        shares = np.where(self._is_known[results], 0.0, self._expected)
-        best = int(shares.argmax())
-        if shares[best] == 0:  # all candidates are known
-            return Thought(reason, chance, -1, 0.0)
-        return Thought(reason, chance, int(results[best]), float(shares[best]))
 
     def _score(self, row: int, partners: NDArray[np.int64]) -> None:
         """Keep likely results with each partner and their scores, which are equal in all runs."""

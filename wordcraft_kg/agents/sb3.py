@@ -33,6 +33,7 @@ from wordcraft_kg.models.policies.states import States
 try:
     from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
     from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
+    from stable_baselines3.common.vec_env import VecEnv
 except ImportError:
     raise missing_extra("interop", ["stable-baselines3", "sb3-contrib"]) from None
 
@@ -78,11 +79,13 @@ class _NetworkPolicy(BasePolicy):
         _check_spaces(observation_space, action_space, network)
         # So that the environments know that their ids are read as ids.
         observation_space.read_as_ids = True  # type: ignore[attr-defined]
-        settings = {
-            "optimizer_class": optimizer_class,
-            "optimizer_kwargs": optimizer_kwargs,
-        }
-        super().__init__(observation_space, action_space, lr_schedule, **settings)
+        super().__init__(
+            observation_space,
+            action_space,
+            lr_schedule,
+            optimizer_class=optimizer_class,
+            optimizer_kwargs=optimizer_kwargs,
+        )
         # Copied, because several algorithms may train the same policy, one after the other.
         self.network = copy.deepcopy(network)
         self._tasks = self._bound_to()
@@ -283,11 +286,6 @@ def _check_tasks(task: spaces.Space[Any] | None, network: Policy) -> None:
             f"{task.n - 1:,}. Make the policy with the `tasks` in this environment's world."
         )
 
-
-try:
-    from stable_baselines3.common.vec_env import VecEnv
-except ImportError:
-    raise missing_extra("interop", ["stable-baselines3"]) from None
 
 Indices = None | int | Iterable[int]
 _NOT_READ = (

@@ -38,7 +38,7 @@ from wordcraft_kg.models.scorers.score_limits import MAX_QUERIES
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.links import LinkView
     from wordcraft_kg.evaluation.scores import ScoredAnswer
-    from wordcraft_kg.evaluation.suggestions import SetSupport, Suggestion, Suggestions, Wish
+    from wordcraft_kg.evaluation.suggestions import Suggestion, Suggestions, Wish
     from wordcraft_kg.graphs import RecipeGraph, TrainedOn
     from wordcraft_kg.models.model import Model
     from wordcraft_kg.models.scorers.ranking import RankingMetrics
@@ -347,7 +347,7 @@ def _scored_set(
         SetQuery,
         open_suggesting,
         score_set,
-        suggest_recipes,
+        suggest_sets,
     )
 
     model = open_suggesting(folder, graph)
@@ -357,7 +357,7 @@ def _scored_set(
             raise _no_ranking()
         view = score_set(model, query)
     else:
-        view = suggest_recipes(model, query.result, top, size=query.size, new_only=new_only)
+        view = suggest_sets(model, query.result, top, size=query.size, new_only=new_only)
     return view, list(suggestion_lines(view))
 
 
@@ -537,7 +537,6 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
         check_new_table,
         open_suggesting,
         suggest as suggest_for,
-        suggest_recipes,
         write_suggestions,
     )
     from wordcraft_kg.models.recipes.recipe_records import SetMetrics
@@ -561,12 +560,15 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
     if out is not None:
         check_new_table(out)
     wish = _read_wish(book, pair, goal, with_item, start)
-    if goal is not None:
-        view = suggest_recipes(recipe_model, goal, top, has_coverage=not any_parts, rule=user_rule)
-    elif user_rule is not None:
-        raise ConfigError("`rule` chooses among the sets of a single goal; give `goal` alone.")
-    else:
-        view = suggest_for(recipe_model, wish, top, has_coverage=not any_parts)
+    # The goal of a model of sets lists known recipes, too.
+    view = suggest_for(
+        recipe_model,
+        wish,
+        top,
+        has_coverage=not any_parts,
+        new_only=goal is None,
+        rule=user_rule,
+    )
     if not (view.suggestions or view.analogies or view.made):
         raise ConfigError(
             f"nothing is left to propose: {book.name} has all recipes that the model looks at. Ask "
@@ -641,7 +643,7 @@ def suggestion_lines(view: "Suggestions") -> Iterator[str]:
     if view.analogies:
         yield "no known entity fits:"
     for analogy in view.analogies:
-        yield f"  {' + '.join(analogy.ingredients)} -> ?   as {_recipe_of(analogy.like)}"
+        yield f"  {' + '.join(analogy.ingredients)} -> ?   as {analogy.like}"
     if view.trained_on == "full":
         yield "The model was trained on all recipes, test recipes included."
 
@@ -657,9 +659,5 @@ def _suggestion_rows(suggestions: "Sequence[Suggestion]") -> Iterator[str]:
     for line, suggestion in zip(lines, suggestions, strict=True):
         yield line
         if suggestion.because:
-            supports = (f"{_recipe_of(near)} ({near.strength:.2g})" for near in suggestion.because)
+            supports = (f"{near} ({near.strength:.2g})" for near in suggestion.because)
             yield f"{'':11}  because {', '.join(supports)}"
-
-
-def _recipe_of(support: "SetSupport") -> str:
-    return f"{' + '.join(support.ingredients)} -> {support.result}"

@@ -6,7 +6,7 @@ to 0. What an agent would have learned without the source, only another training
 also of unfinished runs: success, statistics and mixing weights λ.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Annotated, Literal, get_args
 
 import msgspec
@@ -44,8 +44,13 @@ class EvaluatedGraph(Record):
     @classmethod
     def of(cls, graph: RecipeGraph) -> "EvaluatedGraph":
         """Return a graph's name, hash and sizes."""
-        sizes = (graph.num_entities, graph.num_recipes, len(graph.triples))
-        return cls(graph.name, graph.hash, *sizes)
+        return cls(
+            name=graph.name,
+            hash=graph.hash,
+            entities=graph.num_entities,
+            recipes=graph.num_recipes,
+            triples=len(graph.triples),
+        )
 
 
 # Above any rank or count, and far below the limit of int64.
@@ -302,39 +307,31 @@ def slices_of(
     }
     slices = {}
     for name, masks in groups.items():
-        rows = slice_successes(dict(masks), results)
+        rows = [_slice_success(label, mask, results) for label, mask in masks if mask.any()]
         if rows:
-            slices[name] = rows
+            slices[name] = tuple(rows)
     return slices
 
 
-def slice_successes(
-    slices: Mapping[str, NDArray[np.bool_]], results: Sequence[Evaluation]
-) -> tuple[SliceSuccess, ...]:
-    """Return the success rate on each slice of the played tasks, over all results.
+def _slice_success(
+    name: str, mask: NDArray[np.bool_], results: Sequence[Evaluation]
+) -> SliceSuccess:
+    """Return the success rate on a slice of the played tasks, over all results.
 
     Args:
-        slices: mask over the played tasks, shape (tasks,), by name.
+        name: the slice.
+        mask: its tasks, one or more, shape (tasks,).
         results: an evaluation of each run, on the same tasks.
-
-    Returns:
-        success by slice, in the order of ``slices``; empty slices are left out.
     """
-    success = _successes(results)
-    rows = []
-    for name, mask in slices.items():
-        if mask.any():
-            # Within a slice, too, whole groups are resampled: the split holds out the tasks of a
-            # group together, so their outcomes are not independent.
-            interval = task_bootstrap(success[mask], results[0].groups[mask])
-            row = SliceSuccess(
-                slice=name,
-                tasks=int(mask.sum()),
-                success=float(success[mask].mean()),
-                ci=interval,
-            )
-            rows.append(row)
-    return tuple(rows)
+    success = _successes(results)[mask]
+    # Within a slice, too, whole groups are resampled: the split holds out the tasks of a group
+    # together, so their outcomes are not independent.
+    return SliceSuccess(
+        slice=name,
+        tasks=len(success),
+        success=float(success.mean()),
+        ci=task_bootstrap(success, results[0].groups[mask]),
+    )
 
 
 class SourceGain(Record):
@@ -379,12 +376,11 @@ def source_gains(
     Returns:
         The gain by each source, by name, such as ``combines (u)``; empty without sources.
     """
-    success = np.concatenate([result.success for result in results], axis=1)
     gains = {}
     for source in policies[0].sources:
         played = [evaluator(PolicyPlayer(policy, silent=[source])) for policy in policies]
-        without = np.concatenate([result.success for result in played], axis=1)
-        gain, low, high = paired_difference(success, without, results[0].groups)
+        without = _successes(played)
+        gain, low, high = paired_difference(_successes(results), without, results[0].groups)
         gains[with_letters([source])] = SourceGain(float(without.mean()), gain, (low, high))
     return gains
 
@@ -440,24 +436,21 @@ class SeedCurve(Record):
 
 def success_curves(members: Sequence[AgentRun]) -> dict[str, tuple[CurvePoint, ...]]:
     """Return mean success curves by split part (test, train), with intervals over seeds."""
-    curves = {}
-    for part in ("test", "train"):
-        rows = _shared_rows(members, f"{part}_success")
-        points = []
-        for step, seeds in rows:
-            low, high = student_interval(seeds) or (None, None)
-            points.append(CurvePoint(step, float(np.mean(seeds)), low, high))
-        if points:
-            curves[part] = tuple(points)
-    return curves
+    curves = {part: tuple(_success_points(members, part)) for part in ("test", "train")}
+    return {part: points for part, points in curves.items() if points}
 
 
-def lambda_curves(members: Sequence[AgentRun]) -> list[LambdaCurve]:
-    """Return mean mixing weights λ over seeds, by score source and action.
+def _success_points(members: Sequence[AgentRun], part: str) -> Iterator[CurvePoint]:
+    for step, seeds in _shared_rows(members, f"{part}_success"):
+        low, high = student_interval(seeds) or (None, None)
+        yield CurvePoint(step, float(np.mean(seeds)), low, high)
+
+
+def lambda_curves(members: Sequence[AgentRun]) -> Iterator[LambdaCurve]:
+    """Yield mean mixing weights λ over seeds, by score source and action.
 
     A curve has about :data:`_CURVE_POINTS` points.
     """
-    curves = []
     actions: tuple[Literal["first", "second"], ...] = ("first", "second")
     # A source that the agents do not have has no rows, and so no curve.
     for source in (ALPHA.name, *source_names()):
@@ -466,8 +459,7 @@ def lambda_curves(members: Sequence[AgentRun]) -> list[LambdaCurve]:
             every = max(1, len(rows) // _CURVE_POINTS)
             points = [(step, float(np.mean(seeds))) for step, seeds in rows[::every]]
             if points:
-                curves.append(LambdaCurve(source, action, tuple(points)))
-    return curves
+                yield LambdaCurve(source, action, tuple(points))
 
 
 def training_metrics(members: Sequence[AgentRun]) -> dict[TrainingMetric, tuple[SeedCurve, ...]]:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -65,6 +65,7 @@ from wordcraft_kg.evaluation.agent_metrics import (
     training_metrics,
 )
 from wordcraft_kg.graphs import OpenedGraph, TaskPart, TrainedOn
+from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.policies.sources import shown_setting, with_letters
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 
@@ -310,12 +311,6 @@ def view_agents(
             evaluators[amount](PolicyPlayer(agent.policy)) for agent in groups[name]
         ]
     scorer_results = _scorers_alone(groups, evaluators)
-    gains = {}
-    for name, played_by in results.items():
-        # An agent that cannot play with the headline's distractors has no gains.
-        if headline in played_by:
-            policies = [agent.policy for agent in groups[name]]
-            gains[name] = source_gains(policies, evaluators[headline], played_by[headline])
     other_labels = _made_by_other_books(everyone)
     reference = next(iter(results.values()))
     graph = first.opened.graph
@@ -341,20 +336,19 @@ def view_agents(
             _entry(
                 name,
                 members,
-                world,
+                evaluators[headline],
                 results[name],
                 # The first agent has no difference to itself.
                 {} if results[name] is reference else reference,
                 scorer_results,
-                gains.get(name, {}),
                 other_labels,
             )
             for name, members in groups.items()
         ),
         baselines=tuple(_baselines(groups, evaluators, scorer_results)),
         episodes=tuple(
-            AgentEpisodes(name, of[0].name, _episodes(of[0], world, episodes))
-            for name, of in groups.items()
+            AgentEpisodes(name, members[0].name, _episodes(members[0], world, episodes))
+            for name, members in groups.items()
         ),
     )
 
@@ -377,7 +371,7 @@ def summarise_agents(view: AgentsView, report: str) -> dict[str, Any]:
 def _made_by_other_books(agents: Sequence[OpenedAgent]) -> frozenset[str] | None:
     """Return the labels that other books of any scorer make; None if no scorer has another book."""
     # One set for all agents: success is compared on the same groups of goals.
-    labels_by_agent = [agent.made_by_other_books for agent in agents]
+    labels_by_agent = (agent.made_by_other_books for agent in agents)
     label_sets = [labels for labels in labels_by_agent if labels is not None]
     return frozenset().union(*label_sets) if label_sets else None
 
@@ -432,8 +426,10 @@ def _baselines(
         words |= _words_beside(members[0])
     results |= {name: _play(player, evaluators) for name, player in words.items()}
     for agent, results_by_sources in scorers.values():
-        for sources, played in results_by_sources.items():
-            results[f"scorer of {agent} alone, {sources}"] = played
+        results |= {
+            f"scorer of {agent} alone, {sources}": played
+            for sources, played in results_by_sources.items()
+        }
     # Last, as the upper bound.
     results["recipe oracle"] = _play(players.recipe_oracle, evaluators)
     for name, played in results.items():
@@ -508,14 +504,16 @@ def can_play(agent: OpenedAgent, distractors: int) -> bool:
 def _entry(
     name: str,
     members: list[OpenedAgent],
-    world: World,
+    evaluator: Evaluator,
     results: _Results,
     reference: _Results,
     scorers: _ScorersAlone,
-    gains: dict[str, SourceGain],
     made_by_other_books: frozenset[str] | None,
 ) -> AgentEntry:
+    world = evaluator.engine.world
+    # An agent that cannot play with the headline's distractors has neither gains nor slices.
     headline = results.get(world.config.num_distractors, [])
+    policies = [agent.policy for agent in members]
     config = members[0].config
     against_scorer: dict[int, AgainstScorer] = {}
     if members[0].policy.sources:
@@ -549,7 +547,7 @@ def _entry(
             for amount, runs in results.items()
         },
         outcomes={str(amount): outcomes_of(runs) for amount, runs in results.items()},
-        sources=gains,
+        sources=source_gains(policies, evaluator, headline) if headline else {},
         slices=slices_of(members[0], world.tasks, headline, made_by_other_books),
         curves=success_curves(members),
         lambdas=tuple(lambda_curves(members)),
@@ -563,10 +561,6 @@ def _episodes(agent: OpenedAgent, world: World, episodes: int) -> tuple[Explaine
         # The headline count may be another than that of training.
         world = world.variant(num_distractors=agent.config.tasks.distractors)
     return explain_episodes(agent.policy, world, episodes=episodes, outside=agent.outside)
-
-
-if TYPE_CHECKING:
-    from wordcraft_kg.models.model import Model
 
 
 @dataclass(frozen=True)
@@ -626,15 +620,13 @@ class AgentEvaluation(Record):
     sources: dict[str, dict[str, SourceGain]] | None
     by_goal: dict[str, tuple[SliceSuccess, ...]] | None = None
 
-    def notes(self) -> list[str]:
-        """Return a sentence for each source that adds nothing."""
-        notes = []
+    def notes(self) -> Iterator[str]:
+        """Yield a sentence for each source that adds nothing."""
         for amount, gains in (self.sources or {}).items():
             tables = counted(int(amount), "distractor")
             for source, gain in gains.items():
                 if gain.adds_nothing:
-                    notes.append(f"{tables}: {source} {gain.sentence}")
-        return notes
+                    yield f"{tables}: {source} {gain.sentence}"
 
 
 class Explanation(Record):
@@ -710,10 +702,10 @@ def view_evaluation(
     by_goal = None
     labels = trained.made_by_other_books
     if labels is not None:
-        by_goal = {}
-        for amount, result in results.items():
-            slices = slices_of(trained, world.tasks, [result], labels)
-            by_goal[str(amount)] = slices.get("other_book", ())
+        by_goal = {
+            str(amount): slices_of(trained, world.tasks, [result], labels).get("other_book", ())
+            for amount, result in results.items()
+        }
     scores = None
     if agent == "kg-only":
         scores = (
@@ -813,7 +805,7 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
     graph: str,
     config: WordCraftConfig,
     distractors: Sequence[int],
-    model: "tuple[str, Model] | None" = None,
+    model: tuple[str, Model] | None = None,
     distractor_seeds: int | None = None,
     seed: int = 0,
     limit: int = MOST_TASKS,
@@ -870,7 +862,7 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
     external_rows: tuple[PlayerSuccess, ...] = ()
     if external is not None:
         worlds = [world.variant(num_distractors=amount) for amount in distractors]
-        external_rows = _external_rows(external, worlds, tables, limit)
+        external_rows = tuple(_external_rows(external, worlds, tables, limit))
     rows = play_all(
         world, scripted, distractors, distractor_seeds=tables, seed=seed, groups=groups, limit=limit
     )
@@ -894,14 +886,12 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
 
 def _external_rows(
     player: ExternalPlayer, worlds: Sequence[World], tables: int, limit: int
-) -> tuple[PlayerSuccess, ...]:
+) -> Iterator[PlayerSuccess]:
     kind, _, argument = player.name.partition(":")
     if kind not in EXTERNAL or not argument:
         kinds = ", ".join(f"{name}:COMMAND" for name in EXTERNAL) or "none here"
         raise ConfigError(f"`player` '{player.name[:100]}': expected {kinds}.")
     name, results = EXTERNAL[kind](player, worlds, tables, limit)
-    rows: list[PlayerSuccess] = []
     for world, result in zip(worlds, results, strict=True):
         amount = world.config.num_distractors
-        rows += success_rows(name, amount, result.success, result.by_plan, result.groups, {})
-    return tuple(rows)
+        yield from success_rows(name, amount, result, {})

@@ -102,26 +102,19 @@ def view_books() -> BookList:
 
 
 def _listed(book: KnownBook) -> ListedBook:
-    size = _size(book)
+    content = None
+    if book.path is not None and book.path.stat().st_size <= MAX_COUNTED:
+        # A damaged file in the data folder must not hide all other books.
+        with suppress(RecipeFileError):
+            content = open_book(book.name)
     return ListedBook(
         name=book.name,
         origin=book.origin,
         path=None if book.path is None else str(book.path),
         note=FETCHABLE[book.name].note if book.name in FETCHABLE else "",
-        entities=size[0] if size else None,
-        recipes=size[1] if size else None,
+        entities=None if content is None else len(content.entities),
+        recipes=None if content is None else len(content.recipes),
     )
-
-
-def _size(book: KnownBook) -> tuple[int, int] | None:
-    if book.path is None or book.path.stat().st_size > MAX_COUNTED:
-        return None
-    try:
-        content = open_book(book.name)
-    except RecipeFileError:
-        # A damaged file in the data folder must not hide all other books.
-        return None
-    return len(content.entities), len(content.recipes)
 
 
 def view_check(

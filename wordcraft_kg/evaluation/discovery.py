@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 from wordcraft_kg.agents.discovery import (
     HUMAN_CURVE,
     HUMAN_SOURCE,
+    LATER_MARKS,
+    MARKS,
     make_discoverers,
     play_runs,
-    summarise_curves,
 )
 from wordcraft_kg.base import ConfigError, Count, Hash, Record
+from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.envs.open_ended import Discovery
-from wordcraft_kg.graphs import RecipeGraph, is_in
+from wordcraft_kg.graphs import Ids, RecipeGraph
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
     from wordcraft_kg.models.recipes.inductive import LabelledScorer
 
@@ -75,16 +75,17 @@ def open_guide(folder: str | Path, graph: RecipeGraph) -> Guide:
     if not isinstance(whole_of(scorer), RecipeScorer):
         raise ConfigError(f"`scorer` {folder}: expected a model from train-recipes.")
     recipes = for_labels(folder, scorer, graph.entities)
-    world_recipes = recipes.rows[graph.recipes]
+    rows = recipes.rows[graph.recipes]
     # Ingredients in the order of ids of the scorer, as its own recipes have them.
-    world_recipes[:, :2].sort(axis=1)
-    train_recipes = recipes.scorer.recipes.numpy()
-    is_shared = is_in(world_recipes, train_recipes, len(recipes.scorer.entities))
-    train_pairs = {(a, b) for a, b, _ in train_recipes.tolist()}
-    pairs = [(a, b) for a, b, _ in world_recipes.tolist()]
-    agreeing = {pair for pair, shared in zip(pairs, is_shared.tolist(), strict=True) if shared}
-    contradicted = train_pairs.intersection(pairs) - agreeing
-    return Guide(Path(folder).name, recipes, int(is_shared.sum()), len(contradicted))
+    rows[:, :2].sort(axis=1)
+    world_recipes = set(map(tuple, rows.tolist()))
+    train_recipes = set(map(tuple, recipes.scorer.recipes.tolist()))
+    shared = world_recipes & train_recipes
+    world_pairs, train_pairs, shared_pairs = (
+        {recipe[:2] for recipe in part} for part in (world_recipes, train_recipes, shared)
+    )
+    contradicted = (world_pairs & train_pairs) - shared_pairs
+    return Guide(Path(folder).name, recipes, len(shared), len(contradicted))
 
 
 class KnownEntities(Record):
@@ -177,8 +178,14 @@ def view_discovery(
     learner = None if scorer is None else scorer.learner()
     vectors = None if scorer is None else scorer.unit_vectors()
     discoverers = make_discoverers(players, graph, learner, book, vectors)
-    plays = play_runs(graph, discoverers, attempts, runs, seed, start.base)
-    table = summarise_curves(plays.frame())
+    curves = play_runs(graph, discoverers, attempts, runs, seed, start.base)
+    # The last attempt is always a mark.
+    marks = [mark for mark in (*MARKS, *LATER_MARKS) if mark < attempts] + [attempts]
+    # Nothing is forgotten: no run knows less than the base.
+    within = (float(len(start.base)), math.inf)
+    known = {}
+    for name, counts in curves.items():
+        known[name] = {str(mark): _known(counts[:, mark], within) for mark in marks}
     return DiscoveryView(
         graph=graph.name,
         hash=graph.hash,
@@ -189,8 +196,8 @@ def view_discovery(
         runs=runs,
         seed=seed,
         scorer=None if scorer is None else scorer.name,
-        marks=tuple(table["attempt"].unique().tolist()),
-        players={name: _known(table[table["player"] == name]) for name in players},
+        marks=tuple(marks),
+        players=known,
         people={str(attempt): entities for attempt, entities in HUMAN_CURVE.items()},
         people_source=HUMAN_SOURCE,
         knows_recipes=scorer is not None and scorer.shared > 0,
@@ -200,15 +207,7 @@ def view_discovery(
     )
 
 
-def _known(table: "pd.DataFrame") -> dict[str, KnownEntities]:
-    known_by_attempt = {}
-    columns = [table[name].tolist() for name in ("attempt", "mean", "low", "high")]
-    for attempt, mean, low, high in zip(*columns, strict=True):
-        # A single run has NaN for an interval, and JSON has no NaN.
-        has_interval = not math.isnan(low)
-        known_by_attempt[str(attempt)] = KnownEntities(
-            mean=mean,
-            low=low if has_interval else None,
-            high=high if has_interval else None,
-        )
-    return known_by_attempt
+def _known(counts: Ids, within: tuple[float, float]) -> KnownEntities:
+    """Return the mean over runs, shape (runs,), with its interval within possible counts."""
+    low, high = student_interval(counts, within=within) or (None, None)
+    return KnownEntities(float(counts.mean()), low, high)

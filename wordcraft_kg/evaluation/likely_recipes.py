@@ -108,12 +108,11 @@ class RecipeFinder:
         return self.whole.knowledge.lists()
 
     @cached_property
-    def learned(self) -> tuple[Ids, Ids, Ids]:
-        """Ingredients and results of the recipes that the model knows, ids of shape (n,) each."""
+    def learned(self) -> Ids:
+        """Ingredients and results of the recipes that the model knows, ids of shape (3, n)."""
+        columns = (self.lists.first, self.lists.second, self.lists.result)
         # Lists have int32 ids, whose products would overflow.
-        columns = self.lists.first, self.lists.second, self.lists.result
-        first, second, result = (column.astype(np.int64) for column in columns)
-        return first, second, result
+        return np.array(columns, dtype=np.int64)
 
     @cached_property
     def known(self) -> Ids:
@@ -268,14 +267,14 @@ class RecipeFinder:
         first, second, result = self.learned
         best: tuple[tuple[int, int, int], float] | None = None
         for common, replaced in ((a, b), (b, a)):
-            is_here = ((first == common) | (second == common)) & (result < self.size)
-            partners = (first + second - common)[is_here]
-            # The pair itself explains nothing.
-            is_other = (partners != replaced) & (partners < self.size)
-            rows = np.flatnonzero(is_here)[is_other]
-            partner_ids = torch.from_numpy(partners[is_other])
-            if not len(partner_ids):
+            partners = first + second - common
+            has_common = (first == common) | (second == common)
+            # Entities of other books come last; and the pair itself explains nothing.
+            is_own = (result < self.size) & (partners < self.size)
+            rows = np.flatnonzero(has_common & is_own & (partners != replaced))
+            if not len(rows):
                 continue
+            partner_ids = torch.from_numpy(partners[rows])
             cosines = self.whole.knowledge.word_cosines(replaced, partner_ids)
             place = int(cosines.argmax())
             cosine = float(cosines[place])

@@ -9,12 +9,8 @@ import pandas as pd
 import torch
 from numpy.typing import NDArray
 
-from wordcraft_kg.agents import players
-from wordcraft_kg.agents.evaluation import PlayerSuccess, play_all
-from wordcraft_kg.base import Count, Record, Share, WordCraftKGError, quoted
+from wordcraft_kg.base import Count, Record, Share, quoted
 from wordcraft_kg.base.statistics import bootstrap, cluster_interval, wilson_interval
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.evaluation.agent_metrics import (
     OPEN_END,
     Bounds,
@@ -27,7 +23,6 @@ from wordcraft_kg.graphs import (
     COMBINES_WITH,
     RELATIONS,
     Ids,
-    RecipeGraph,
     Relation,
     SplitSummary,
     TrainedOn,
@@ -36,7 +31,7 @@ from wordcraft_kg.graphs import (
 )
 from wordcraft_kg.graphs.audit import Leakage, leakage, split_summary
 from wordcraft_kg.models.links.link_records import TraceRow
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of
+from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import (
     NEAR_SYNONYM,
@@ -109,29 +104,24 @@ class Reliability(Record):
     bins: tuple[ReliabilityBin, ...]
 
 
-def view_probabilities(
-    scorer: CrossFitted, graph: RecipeGraph, trained_on: Ids
-) -> tuple[Reliability, ...]:
+def reliability_of(links: RankedLinks) -> Iterator[Reliability]:
     """Compare predicted probabilities with true triples outside training.
 
-    Args:
-        scorer: a cross-fitted scorer.
-        graph: the graph, whose triples are true.
-        trained_on: training triples, shape (T, 3).
-
-    Returns:
-        A record for each relation and kind of pair; empty for a scorer without probabilities.
+    Yields:
+        A record for each relation and kind of pair; none for a model without probabilities, of the
+        full graph, or of a graph too large to score all pairs.
     """
-    if scorer.probabilities is None:
-        return ()
+    scorer = folds_of(links.scorer)
+    if links.is_full or not links.has_table or scorer is None or scorer.probabilities is None:
+        return
+    graph = links.graph
     size = graph.num_entities
     every = torch.arange(size)
     is_self = np.eye(size, dtype=bool)
-    rows = []
     for relation, name in enumerate(RELATIONS):
         chances = scorer.probability(every[:, None], relation, every[None, :]).cpu().numpy()
         # Triples in training are no test: the scorer has seen that they are true.
-        is_asked = ~_table(trained_on, relation, size)
+        is_asked = ~_table(links.trained_on, relation, size)
         if relation == COMBINES_WITH:  # both directions are the same fact
             is_asked &= np.tri(size, dtype=bool)
         is_true = _table(graph.triples, relation, size)
@@ -147,24 +137,21 @@ def view_probabilities(
             if not len(predicted):
                 continue
             observed = is_true[cells]
-            bins = _bins(predicted, observed)
+            bins = tuple(_bins(predicted, observed))
             errors = sum(row.triples * abs(row.probability - row.observed) for row in bins)
-            rows.append(
-                Reliability(
-                    relation=name,
-                    pairs=pairs,  # type: ignore[arg-type]
-                    triples=len(predicted),
-                    expected=float(predicted.sum()),
-                    observed=int(observed.sum()),
-                    base_rate=curve.rate,
-                    ece=errors / len(predicted),
-                    log_loss=_log_loss(predicted, observed),
-                    base_log_loss=_log_loss(np.full(len(predicted), curve.rate), observed),
-                    reason=curve.reason,
-                    bins=bins,
-                )
+            yield Reliability(
+                relation=name,
+                pairs=pairs,  # type: ignore[arg-type]
+                triples=len(predicted),
+                expected=float(predicted.sum()),
+                observed=int(observed.sum()),
+                base_rate=curve.rate,
+                ece=errors / len(predicted),
+                log_loss=_log_loss(predicted, observed),
+                base_log_loss=_log_loss(np.full(len(predicted), curve.rate), observed),
+                reason=curve.reason,
+                bins=bins,
             )
-    return tuple(rows)
 
 
 def _table(triples: Ids, relation: int, size: int) -> NDArray[np.bool_]:
@@ -175,7 +162,7 @@ def _table(triples: Ids, relation: int, size: int) -> NDArray[np.bool_]:
     return table
 
 
-def _bins(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> tuple[ReliabilityBin, ...]:
+def _bins(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> Iterator[ReliabilityBin]:
     # Bins of equal expected true triples, not of equal width or size: nearly all triples are very
     # improbable, and a bin without true triples says nothing about its share.
     order = np.argsort(predicted, kind="stable")
@@ -188,15 +175,13 @@ def _bins(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> tuple[R
     # Rounding can lift the last places to the number of bins.
     number = np.minimum(place.astype(np.int64), count - 1)
     starts = np.flatnonzero(np.diff(number)) + 1
-    rows = []
     for group in np.split(order, starts):
         size = len(group)
         true = int(is_true[group].sum())
         mean = float(predicted[group].mean())
         # Wilson's interval is valid for shares near 0, where the normal one reaches below 0.
         low, high = wilson_interval(true, size)
-        rows.append(ReliabilityBin(mean, true / size, low, high, size))
-    return tuple(rows)
+        yield ReliabilityBin(mean, true / size, low, high, size)
 
 
 def _log_loss(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> float:
@@ -308,7 +293,7 @@ class ScoredPair(Record):
     score: float
 
 
-def comparisons_of(links: RankedLinks, seed: int) -> tuple[BaselineComparison, ...]:
+def comparisons_of(links: RankedLinks, seed: int) -> Iterator[BaselineComparison]:
     """Compare a link predictor with each baseline by reciprocal ranks, the best baseline first.
 
     ``seed`` is the seed of the bootstrap.
@@ -318,7 +303,6 @@ def comparisons_of(links: RankedLinks, seed: int) -> tuple[BaselineComparison, .
     # The expectation over random orders, and not one order: its own luck would widen the interval.
     baselines["random"] = random_reciprocal_ranks(links.ranks)
     best_first = sorted(baselines, key=lambda name: -float(baselines[name].mean()))
-    rows = []
     for name in best_first:
         difference = reciprocal_ranks - baselines[name]
         means = bootstrap(difference, links.clusters, seed=seed)
@@ -328,14 +312,8 @@ def comparisons_of(links: RankedLinks, seed: int) -> tuple[BaselineComparison, .
             verdict = "above"
         elif high < 0:
             verdict = "below"
-        row = BaselineComparison(
-            baseline=name,
-            difference=float(difference.mean()),
-            ci=(low, high),
-            verdict=verdict,
-        )
-        rows.append(row)
-    return tuple(rows)
+        mean = float(difference.mean())
+        yield BaselineComparison(name, mean, (low, high), verdict)
 
 
 def _reciprocal(ranks: pd.DataFrame) -> NDArray[np.float64]:
@@ -361,36 +339,25 @@ def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
     def between(values: Ids, bounds: Bounds) -> Iterator[tuple[str, NDArray[np.bool_]]]:
         return binned(values, bounds, more=" or more")
 
-    def slices(groups: Iterable[tuple[str, NDArray[np.bool_]]]) -> tuple[SliceMetrics, ...]:
-        rows = []
+    def slices(groups: Iterable[tuple[str, NDArray[np.bool_]]]) -> Iterator[SliceMetrics]:
         for name, mask in groups:
             if mask.any():
                 metrics = with_interval(ranks[mask], links.clusters[mask], seed=seed)
-                rows.append(SliceMetrics(**msgspec.structs.asdict(metrics), slice=name))
-        return tuple(rows)
+                yield SliceMetrics(**msgspec.structs.asdict(metrics), slice=name)
 
     pairs = [("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]
+    # The goal is the tail of componentOf; combinesWith says nothing about a goal.
+    goals = ranks["tail"].to_numpy(dtype=np.int64)
+    groups = goal_groups(graph, goals, links.made_by_other_books)
+    by_other_book = [(f"{LINKS_TO} {name}", mask & ~is_symmetric) for name, mask in groups.items()]
     return DrillDown(
-        seen_in_train=slices(between(train_uses, SEEN)),
-        layer=slices([("not reachable", layer < 0), *between(layer, _LAYERS)]),
-        self_combination=slices(pairs),
+        seen_in_train=tuple(slices(between(train_uses, SEEN))),
+        layer=tuple(slices([("not reachable", layer < 0), *between(layer, _LAYERS)])),
+        self_combination=tuple(slices(pairs)),
         # With all recipes in training every test recipe repeats a train recipe: itself.
-        near_synonyms=() if links.is_full else slices(_near_synonyms(links)),
-        other_book=slices(_by_other_book(links)),
+        near_synonyms=() if links.is_full else tuple(slices(_near_synonyms(links))),
+        other_book=tuple(slices(by_other_book)),
     )
-
-
-def _by_other_book(links: RankedLinks) -> Iterator[tuple[str, NDArray[np.bool_]]]:
-    """Yield componentOf queries whose goal another book makes, and all other componentOf queries.
-
-    The goal is the tail.
-    """
-    goals = links.ranks["tail"].to_numpy(dtype=np.int64)
-    is_part = (links.ranks["relation"] != COMBINES_WITH).to_numpy()
-    # combinesWith says nothing about a goal, so only componentOf queries are grouped.
-    groups = goal_groups(links.graph, goals, links.made_by_other_books)
-    for name, mask in groups.items():
-        yield f"{LINKS_TO} {name}", mask & is_part
 
 
 def _near_synonyms(links: RankedLinks) -> list[tuple[str, NDArray[np.bool_]]]:
@@ -418,20 +385,19 @@ def listed_triples(links: RankedLinks, *, ascending: bool) -> tuple[RankedTriple
     order = order[~ends.assign(relation=order["relation"]).duplicated()]
     fields = list(RankedTriple.__struct_fields__)
     shown = labelled(links.graph, order.head(LISTED))[fields]
-    # Lists of plain numbers: a record of NumPy numbers has no JSON form.
-    columns = [shown[name].tolist() for name in shown]
-    return tuple(RankedTriple(*row) for row in zip(*columns, strict=True))
+    # Rows of plain numbers: a record of NumPy numbers has no JSON form.
+    return msgspec.convert(shown.to_dict("records"), tuple[RankedTriple, ...])
 
 
-def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
-    """Return the best-scored triples outside the graph, equally many for each relation.
+def perhaps_missing_of(links: RankedLinks) -> Iterator[ScoredPair]:
+    """Yield the best-scored triples outside the graph, equally many for each relation.
 
     Such a triple may be a recipe that the book lacks.
     """
     graph = links.graph
-    pairs = []
     for relation, name in enumerate(RELATIONS):
-        scores = links.table[relation].copy()
+        # A copy, because the scorer may keep its table.
+        scores = links.scorer.table(relation).cpu().numpy().copy()
         if relation == COMBINES_WITH:
             # Both directions are one fact: their mean stands above the diagonal, nothing below.
             mean_scores = (scores + scores.T) / 2
@@ -447,36 +413,7 @@ def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
             score = float(scores[head, tail])
             # A small graph may have fewer free pairs than rows in the list.
             if np.isfinite(score):
-                head_label = graph.entities[head]
-                tail_label = graph.entities[tail]
-                pairs.append(ScoredPair(head_label, name, tail_label, score))
-    return tuple(pairs)
-
-
-def play_by_scores(links: RankedLinks, seed: int) -> tuple[PlayerSuccess, ...]:
-    """Evaluate players that choose by the scores alone, on test tasks of one recipe.
-
-    Tables have 1 and 8 distractors. Rows by goals of another book are those of the best pair and of
-    nearest words, which knows no book.
-    """
-    try:
-        words = players.words_player(links.graph, players.knowledge_of(links.scorer))
-        playing = {
-            **players.scorer_players(links.graph, links.scorer, links.trained_on),
-            "random": players.random_entity,
-            players.FEWEST_USES: players.fewest_uses(links.opened.split),
-            **words,
-            "recipe oracle": players.recipe_oracle,
-        }
-        world = World(links.opened, WordCraftConfig(part="test"))
-        groups = goal_groups(links.graph, world.tasks.goals, links.made_by_other_books)
-        rows = play_all(world, playing, (1, 8), seed=seed, groups=groups)
-        grouped = (players.BEST_PAIR, *words)
-        return tuple(row for row in rows if not row.goals or row.player in grouped)
-    except WordCraftKGError:
-        # Without test tasks, with too few entities for distractors, or with a scorer that fails the
-        # checks: the ranks are valid without play.
-        return ()
+                yield ScoredPair(graph.entities[head], name, graph.entities[tail], score)
 
 
 FEW_TEST_RECIPES = 50
@@ -576,7 +513,6 @@ class LinkView(Record):
         drill_down: metrics for groups of queries.
         best, worst: the best-ranked and the worst-ranked queries.
         perhaps_missing: the best-scored triples outside the graph, perhaps missing recipes.
-        kg_play: success rates for players that choose by the scores alone.
         trace: a row for each training epoch.
         provenance: facts about the training, by name.
     """
@@ -604,7 +540,6 @@ class LinkView(Record):
     best: tuple[RankedTriple, ...]
     worst: tuple[RankedTriple, ...]
     perhaps_missing: tuple[ScoredPair, ...]
-    kg_play: tuple[PlayerSuccess, ...]
     trace: tuple[TraceRow, ...]
     provenance: dict[str, str]
 
@@ -624,7 +559,7 @@ def view_links(
         name: the model's name in the report.
         provenance: facts about the training; None for none.
         trace: a row for each training epoch.
-        seed: seed of the bootstrap and of the players.
+        seed: seed of the bootstrap.
 
     Returns:
         The numbers, for :func:`~wordcraft_kg.reports.link_report.make_link_report`.
@@ -650,24 +585,28 @@ def view_links(
         split=split,
         queries=len(ranks),
         triples=len(links.queries),
-        sampled_from=links.population if links.population > len(links.queries) else None,
+        sampled_from=links.sampled_from,
         without_pairs=not links.has_table,
         leaked_left_out=0 if links.is_full else split.leaked_triples,
         leakage=leakage(links.opened.split),
         checks=tuple(_checks(links)),
         metrics=_by_slice(ranks, measure),
-        ties=_ties(links),
+        ties=Ties(
+            optimistic=ranking_metrics(ranks, "optimistic"),
+            pessimistic=ranking_metrics(ranks, "pessimistic"),
+            # Without the filter all entities are candidates, which adjusted metrics need to know.
+            raw_rank=ranking_metrics(ranks.assign(candidates=graph.num_entities), "raw_rank"),
+        ),
         in_sample=_in_sample(links),
-        probabilities=_probabilities(links),
+        probabilities=tuple(reliability_of(links)),
         with_leaked=_with_leaked(links),
         baselines=baselines,
-        comparisons=comparisons_of(links, seed),
+        comparisons=tuple(comparisons_of(links, seed)),
         near_synonym_cosine=NEAR_SYNONYM,
         drill_down=drill_down_of(links, seed),
         best=listed_triples(links, ascending=True),
         worst=listed_triples(links, ascending=False),
-        perhaps_missing=perhaps_missing_of(links) if links.has_table else (),
-        kg_play=play_by_scores(links, seed) if links.has_table else (),
+        perhaps_missing=tuple(perhaps_missing_of(links)) if links.has_table else (),
         trace=tuple(trace),
         provenance=dict(provenance or {}),
     )
@@ -749,16 +688,6 @@ def _checks(links: RankedLinks) -> Iterator[Check]:
     yield Check("mirror", no_mirror, not mirrored, f"{mirrored} found")
 
 
-def _ties(links: RankedLinks) -> Ties:
-    # Without the filter all entities are candidates, which adjusted metrics need to know.
-    unfiltered = links.ranks.assign(candidates=links.graph.num_entities)
-    return Ties(
-        optimistic=ranking_metrics(links.ranks, "optimistic"),
-        pessimistic=ranking_metrics(links.ranks, "pessimistic"),
-        raw_rank=ranking_metrics(unfiltered, "raw_rank"),
-    )
-
-
 def _by_slice(
     ranks: pd.DataFrame, measure: Callable[[pd.DataFrame, NDArray[np.bool_]], RankingMetrics]
 ) -> _Slices:
@@ -779,14 +708,6 @@ def _with_leaked(links: RankedLinks) -> RankingMetrics:
     if not len(ranks):
         return ranking_metrics(links.ranks)
     return ranking_metrics(pd.concat([links.ranks, ranks], ignore_index=True))
-
-
-def _probabilities(links: RankedLinks) -> tuple[Reliability, ...]:
-    folds = folds_of(links.scorer)
-    # Probabilities are of triples outside training, which a model of the full graph does not have.
-    if links.is_full or not links.has_table or folds is None:
-        return ()
-    return view_probabilities(folds, links.graph, links.trained_on)
 
 
 def _in_sample(links: RankedLinks) -> InSample | None:

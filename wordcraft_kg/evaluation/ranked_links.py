@@ -8,7 +8,6 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 import pandas as pd
-import torch
 from numpy.typing import NDArray
 
 from wordcraft_kg.base import (
@@ -26,10 +25,16 @@ from wordcraft_kg.base import (
 from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, cluster_interval
 from wordcraft_kg.graphs import RELATIONS, Ids, OpenedGraph, RecipeGraph, TrainedOn, TrainSample
 from wordcraft_kg.models.model import Model
-from wordcraft_kg.models.scorers import ranking
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, VoteScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer
-from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, sampled, triple_groups
+from wordcraft_kg.models.scorers.ranking import (
+    MIN_TRIPLES,
+    RankingMetrics,
+    rank_triples,
+    ranking_metrics,
+    sampled,
+    triple_groups,
+)
 from wordcraft_kg.models.scorers.score_limits import MAX_QUERIES
 
 MAP_LIMIT = 3_000
@@ -84,11 +89,10 @@ class RankedLinks:
         """Whether the graph is small enough to score all entity pairs."""
         return self.graph.num_entities <= MAP_LIMIT
 
-    @cached_property
-    def table(self) -> NDArray[np.float32]:
-        """Scores of all entity pairs, shape (2, E, E): relation, head, tail."""
-        tables = [self.scorer.table(relation) for relation in range(len(RELATIONS))]
-        return torch.stack(tables).cpu().numpy()
+    @property
+    def sampled_from(self) -> int | None:
+        """Number of evaluation triples if the queries are a sample; None if all are ranked."""
+        return self.population if self.population > len(self.queries) else None
 
     @property
     def labelled_ranks(self) -> pd.DataFrame:
@@ -101,9 +105,8 @@ class RankedLinks:
         split = self.opened.split
         # A triple belongs to the group of a recipe that gives it: a test recipe, unless training
         # has all recipes and all triples are ranked.
-        sources = split.is_in("test")
-        if self.is_full:
-            sources = np.ones(self.graph.num_recipes, dtype=bool)
+        every_recipe = np.ones(self.graph.num_recipes, dtype=bool)
+        sources = every_recipe if self.is_full else split.is_in("test")
         # Tails come before heads, so the groups of the triples repeat.
         return np.tile(triple_groups(split, sources, self.queries), 2)
 
@@ -165,12 +168,14 @@ def rank_links(
     if whole("max_queries", max_queries, 0) and max_queries < 2 * MIN_TRIPLES:
         raise refuse("max_queries", max_queries, f"0 for all, or {2 * MIN_TRIPLES} or more")
     # Test triples that training contains by way of other recipes are leaks, and left out.
-    everything = opened.split.held_out("test")
-    if kg == "full":
-        everything = opened.graph.triples
+    everything = opened.graph.triples if kg == "full" else opened.split.held_out("test")
     queries = sampled(everything, max_queries // 2, seed) if max_queries else everything
     if len(queries) < MIN_TRIPLES:
-        raise SplitError(_too_few(len(queries), opened, kg))
+        triples = "triples in the whole graph" if kg == "full" else "unseen test triples"
+        raise SplitError(
+            f"only {len(queries)} {triples}; a meaningful metric needs at least {MIN_TRIPLES}. "
+            "Use a recipe book with more recipes, or build the graph with a smaller `train_ratio`."
+        )
     ranks = rank_triples(scorer, queries, opened.graph.triples)
     return RankedLinks(
         scorer,
@@ -182,19 +187,6 @@ def rank_links(
         train_sample or opened.train_sample(kg),
         made_by_other_books,
     )
-
-
-def _too_few(count: int, opened: OpenedGraph, kg: TrainedOn) -> str:
-    rule = f"a meaningful metric needs at least {MIN_TRIPLES}."
-    if kg == "full":
-        more = "Use a recipe book with more recipes."
-        return f"only {count} triples in the whole graph; {rule} {more}"
-    # A smaller ratio helps only if the ratio is not small yet.
-    ratio = "or use a recipe book with more recipes"
-    if opened.split.config.train_ratio > 0.7:
-        ratio = "such as 0.7"
-    remedy = f"Build the graph with a smaller `train_ratio`, {ratio}."
-    return f"only {count} unseen test triples; {rule} {remedy}"
 
 
 def labelled(graph: RecipeGraph, ranks: pd.DataFrame) -> pd.DataFrame:
@@ -212,7 +204,7 @@ def labelled(graph: RecipeGraph, ranks: pd.DataFrame) -> pd.DataFrame:
 Bounds = tuple[float, float]
 
 
-class ComparedModel(ranking.RankingMetrics, kw_only=True):
+class ComparedModel(RankingMetrics, kw_only=True):
     """A model's metrics on the shared queries, averaged over seeds.
 
     Attributes:
@@ -323,19 +315,17 @@ def compare(
     whole("seed", seed, 0)
     for contender in contenders:
         _check_alike(contenders[0].runs[0], contender)
-    opened = contenders[0].runs[0].opened
-    graph = opened.graph
-    split = opened.split
-    everything = split.held_out("test")
-    # Each triple gives two queries, one with an open tail and one with an open head.
-    queries = ranking.sampled(everything, MAX_QUERIES // 2, seed)
-    if len(queries) < ranking.MIN_TRIPLES:
-        raise SplitError(
-            f"only {len(queries)} unseen test triples to compare on; {ranking.MIN_TRIPLES} are "
-            "needed. Build the graph with a split and a smaller `train_ratio`, such as 0.7."
-        )
-    # Tails come before heads, so the groups of the triples repeat.
-    clusters = np.tile(ranking.triple_groups(split, split.is_in("test"), queries), 2)
+    # Also of a model of the full graph the test triples are ranked.
+    ranked = []
+    for contender in contenders:
+        ranks = [
+            rank_links(run.scorer, run.opened, max_queries=MAX_QUERIES, seed=seed)
+            for run in contender.runs
+        ]
+        ranked.append(_averaged(contender, ranks))
+    # All models have the same queries, and so the same clusters.
+    shared = ranks[0]
+    clusters = shared.clusters
     pairs = len(contenders) * (len(contenders) - 1) // 2
     # Bonferroni: all intervals hold together at 95 %, whichever pair a reader picks.
     confidence = 1 - 0.05 / pairs
@@ -347,7 +337,6 @@ def compare(
         means = bootstrap(values, clusters, resamples=resamples, seed=seed)
         return cluster_interval(values, clusters, means, level=level), means
 
-    ranked = [_ranked(contender, queries) for contender in contenders]
     first = ranked[0][1]
     models = []
     for model, values in ranked:
@@ -379,15 +368,15 @@ def compare(
         if low <= 0:
             not_significant.append(candidate[0])
     return LinkComparison(
-        graph=graph.name,
-        hash=graph.hash,
-        split=split.hash,
-        unit=split.unit,
-        triples=len(queries),
+        graph=shared.graph.name,
+        hash=shared.graph.hash,
+        split=shared.opened.split.hash,
+        unit=shared.opened.split.unit,
+        triples=len(shared.queries),
         queries=len(clusters),
         resamples=resamples,
         pairs=pairs,
-        sampled_from=len(everything) if len(everything) > len(queries) else None,
+        sampled_from=shared.sampled_from,
         models=tuple(models),
         best=best[0] if best else None,
         not_significant=tuple(not_significant),
@@ -413,11 +402,12 @@ def _check_alike(reference: Model, contender: Contender) -> None:
             )
 
 
-def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[np.float64]]:
-    # Filtered ranks: other true answers of a query do not compete, whichever part they are in.
-    true_triples = contender.runs[0].opened.graph.triples
-    ranks = [ranking.rank_triples(run.scorer, queries, true_triples) for run in contender.runs]
-    metrics = [ranking.ranking_metrics(frame) for frame in ranks]
+def _averaged(
+    contender: Contender, links: Sequence[RankedLinks]
+) -> tuple[ComparedModel, NDArray[np.float64]]:
+    """Return a model's metrics and its reciprocal ranks, averaged over the ranks of its seeds."""
+    ranks = [run.ranks for run in links]
+    metrics = [ranking_metrics(frame) for frame in ranks]
     # Means over seeds of each metric, and no metric of mean ranks, which would favour many seeds.
     averaged = ("mrr", "hits_at_1", "hits_at_3", "hits_at_10", "mean_rank", "amri")
     means: dict[str, Any] = {}

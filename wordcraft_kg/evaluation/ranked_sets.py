@@ -1,6 +1,5 @@
 """Top-k accuracy of whole sets for unseen goals: a model, baselines, and predictions of others."""
 
-import gzip
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -9,7 +8,8 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from wordcraft_kg.base import ConfigError, Count, Record, Share, check_file
+from wordcraft_kg.base import ArtefactError, ConfigError, Count, Record, Share, check_file
+from wordcraft_kg.base.artefacts import gunzip, is_gzip
 from wordcraft_kg.base.statistics import paired_difference, wilson_interval
 from wordcraft_kg.graphs import Ids, TrainedOn
 from wordcraft_kg.models.model import Model
@@ -225,14 +225,9 @@ def read_predictions(path: Path) -> Predictions:
     check_file(path, _MOST_BYTES)
     data = path.read_bytes()
     try:
-        if data.startswith(b"\x1f\x8b"):
-            with gzip.open(path) as file:
-                data = file.read(_MOST_BYTES + 1)
-        if len(data) > _MOST_BYTES:
-            raise ValueError(f"more than {_MOST_BYTES:,} bytes")
-        answers = json.loads(data)
-        return msgspec.convert(answers, dict[str, list[list[str]]])
-    except (ValueError, EOFError, OSError, RecursionError, msgspec.ValidationError) as error:
+        text = gunzip(path, data, _MOST_BYTES) if is_gzip(data) else data
+        return msgspec.convert(json.loads(text), dict[str, list[list[str]]])
+    except (ArtefactError, ValueError, RecursionError, msgspec.ValidationError) as error:
         raise ConfigError(
             f"{path}: no predictions ({str(error)[:80]}); expected JSON such as "
             '{"mud": [["earth", "water"]]}: sets of ingredients by goal, best first.'

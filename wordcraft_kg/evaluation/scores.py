@@ -68,13 +68,15 @@ class Query:
 
     Attributes:
         columns: names of the slots, the header of a file of such queries.
-        entity_slots: places of the slots that hold an entity.
+        entity_slots: places of the slots that hold an entity; a relation stands in the others.
+        remedy: what to do with a query of several open slots.
         slots: a label for each column; None for the open slot.
         line: line of the file that the query was read from, from 1; None for arguments.
     """
 
     columns: ClassVar[tuple[str, str, str]] = ("head", "relation", "tail")
     entity_slots: ClassVar[tuple[int, ...]] = (0, 2)
+    remedy: ClassVar[str] = "name the head or the tail."
 
     slots: tuple[str | None, str | None, str | None]
     line: int | None = None
@@ -95,26 +97,21 @@ class Query:
             UnknownEntityError: for an unknown relation; the error names the nearest.
             ConfigError: if several slots are open.
         """
-        cls._check_relation(words[1])
+        if 1 not in cls.entity_slots and words[1] not in RELATIONS:
+            raise UnknownEntityError(
+                f"no relation '{words[1]}'; expected {' or '.join(RELATIONS)}."
+                f"{nearest(words[1], RELATIONS)}"
+            )
         first, second, third = (
             None if word in ("", *OPEN) and word not in entities else word for word in words
         )
-        slots = (first, second, third)
-        if slots.count(None) > 1:
-            raise ConfigError(cls._too_open(slots))
-        return cls(slots, line)
+        query = cls((first, second, third), line)
+        if query.slots.count(None) > 1:
+            raise ConfigError(f"{query} has several open slots: {cls.remedy}")
+        return query
 
-    @classmethod
-    def _check_relation(cls, word: str) -> None:
-        if word not in RELATIONS:
-            raise UnknownEntityError(
-                f"no relation '{word}'; expected {' or '.join(RELATIONS)}."
-                f"{nearest(word, RELATIONS)}"
-            )
-
-    @classmethod
-    def _too_open(cls, slots: Sequence[str | None]) -> str:
-        return "both slots are open: name the head or the tail."
+    def __str__(self) -> str:
+        return " ".join(slot or "_" for slot in self.slots)
 
     @property
     def is_open(self) -> bool:
@@ -133,18 +130,11 @@ class RecipeQuery(Query):
 
     columns = ("ingredient_a", "ingredient_b", "result")
     entity_slots = (0, 1, 2)
+    remedy = "leave a single slot open, an ingredient or the result."
 
-    @classmethod
-    def _check_relation(cls, word: str) -> None:
-        """Accept any word: the second slot of a recipe is an entity."""
-
-    @classmethod
-    def _too_open(cls, slots: Sequence[str | None]) -> str:
-        first, second, result = (slot or "_" for slot in slots)
-        return (
-            f"{first} + {second} = {result} has several open slots: leave a single slot open, an "
-            "ingredient or the result."
-        )
+    def __str__(self) -> str:
+        first, second, result = (slot or "_" for slot in self.slots)
+        return f"{first} + {second} = {result}"
 
 
 def parse_query(words: Sequence[str], entities: Collection[str]) -> Query:
@@ -275,10 +265,13 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
             f"{path} is not UTF-8 (byte {error.start:,}). Save the file as UTF-8."
         ) from None
     lines = io.StringIO(text, newline="")
-    if "\t" in text.partition("\n")[0]:
-        reader = csv.reader(lines, delimiter="\t", quoting=csv.QUOTE_NONE, strict=True)
-    else:
-        reader = csv.reader(lines, strict=True)
+    is_tsv = "\t" in text.partition("\n")[0]
+    reader = csv.reader(
+        lines,
+        delimiter="\t" if is_tsv else ",",
+        quoting=csv.QUOTE_NONE if is_tsv else csv.QUOTE_MINIMAL,
+        strict=True,
+    )
     # A quoted cell may span lines, so the reader's line number is the last line of a row.
     begin = 1
     try:
@@ -470,9 +463,10 @@ class Scoring(ABC):
             UnknownEntityError: for a label that the scorer does not know.
         """
         candidates = np.arange(len(self.entities))
-        ids = []
-        for place, label in enumerate(query.slots):
-            ids.append(candidates if label is None else self._ids(label, place))
+        ids = [
+            candidates if label is None else self._ids(label, place)
+            for place, label in enumerate(query.slots)
+        ]
         # Named entities broadcast along the open slot.
         return np.stack(np.broadcast_arrays(*ids), axis=1).astype(np.int64)
 
@@ -691,10 +685,9 @@ class RecipeScoring(Scoring):
         is_seen = are_among(self._keys(rows), self.seen).tolist()
         shares: list[float | None] = [None] * len(rows)
         folds = folds_of(self.model.scorer)
-        is_calibrated = folds is not None and folds.probabilities is not None
         # Calibrated for results of a pair only: partners of an ingredient compete in another way.
-        if is_explained and is_calibrated and query.slots[2] is None:
-            assert folds is not None
+        is_asked = is_explained and query.slots[2] is None
+        if is_asked and folds is not None and folds.probabilities is not None:
             shares = folds.result_probabilities(*query.labels)[rows[:, 2]].tolist()
         finder = self.model.outside
         parts = self.known(rows)
@@ -787,11 +780,8 @@ def note_of_words(model: ScoringModel) -> list[str]:
         return []
     # A single new entity may be a misspelling that has a vector, too: the nearest label helps then.
     if len(words) == 1:
-        entities = model.scorer.entities[: -len(words)]
-        return [
-            f"'{words[0]}' is not in the graph: scored by its words alone."
-            f"{nearest(words[0], entities)}"
-        ]
+        hint = nearest(words[0], model.scorer.entities[:-1])
+        return [f"'{words[0]}' is not in the graph: scored by its words alone.{hint}"]
     listed = ", ".join(f"'{label}'" for label in words[:_LISTED])
     ending = f" and {len(words) - _LISTED:,} more" if len(words) > _LISTED else ""
     return [f"{listed}{ending} are not in the graph: scored by their words alone."]

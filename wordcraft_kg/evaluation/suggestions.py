@@ -13,7 +13,10 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import islice
 from pathlib import Path
+from typing import get_args
 
 import msgspec
 import numpy as np
@@ -90,6 +93,9 @@ class SetSupport(Record):
     ingredients: tuple[str, ...]
     result: str
     strength: Share
+
+    def __str__(self) -> str:
+        return f"{' + '.join(self.ingredients)} -> {self.result}"
 
 
 class Suggestion(Record):
@@ -310,7 +316,7 @@ def open_suggesting(folder: Path, graph: str | None = None) -> Model:
     return model
 
 
-def suggest_recipes(
+def suggest_sets(
     model: Model,
     goal: str,
     top: int,
@@ -320,25 +326,20 @@ def suggest_recipes(
     new_only: bool = False,
     rule: Rule | None = None,
 ) -> Suggestions:
-    """Suggest recipes for a goal, also for one that the graph lacks if the model knows its parts.
+    """Suggest sets for a goal, also for one that the graph lacks if the model knows its parts.
 
     Args:
-        model: from :func:`open_suggesting`.
+        model: a model of sets.
         goal: label.
         top: most recipes.
         has_coverage: whether ingredients must bring the goal's parts, and no others.
         size: number of ingredients; None for any.
-        new_only: whether recipes of the book are left out, by a model of sets.
-        rule: which sets of a model of sets are allowed.
+        new_only: whether recipes of the book are left out.
+        rule: which sets are allowed; None for all.
 
     Raises:
         ConfigError: if nothing is known of the goal, or the rule allows no set.
-        UnknownEntityError: if a recipe scorer of pairs does not know the goal.
     """
-    if not is_set_model(model):
-        if rule is not None:
-            raise ConfigError("`rule` chooses among the sets of a model of sets. Leave it out.")
-        return suggest(model, Wish(goal=goal), top)
     goal = goal if goal in model.opened.graph else goal.strip()
     scorer, new = _scorer_of(model, [goal])
     ranked = scorer.recipes(goal, 10**6, has_coverage=has_coverage, rule=rule)
@@ -409,28 +410,32 @@ def _suggestion(
     return Suggestion(labels, goal, float(np.exp(score)), split_part, tuple(support))
 
 
+# Two splits, since tests and notebooks open several; a list of suggestions asks for many recipes.
+@lru_cache(maxsize=2)
+def _parts_of_recipes(split: Split) -> dict[Recipe, Part]:
+    """Return the part of a split that has each recipe, by its labels."""
+    recipes = split.graph.recipe_labels()
+    names = get_args(Part)
+    return {recipe: names[part] for recipe, part in zip(recipes, split.parts, strict=True)}
+
+
 def _known(split: Split, ingredients: Sequence[str], result: str) -> Known:
     """Return the part of a split that has a recipe, or ``new``."""
-    graph = split.graph
-    if not all(label in graph for label in (*ingredients, result)):
-        return "new"
-    width = graph.sets.shape[1] - 1
-    if len(ingredients) > width:
-        return "new"
-    row = np.full((1, width + 1), graph.num_entities)
-    row[0, : len(ingredients)] = sorted(graph.ids_of(ingredients))
-    row[0, -1] = graph.id_of(result)
-    number = int(graph.rows_of(row)[0])
-    if number < 0:
-        return "new"
-    parts: tuple[Part, ...] = ("train", "valid", "test")
-    return next(part for part in parts if split.is_in(part)[number])
+    return _parts_of_recipes(split).get(Recipe(ingredients, result), "new")
 
 
 # --- recipes that the book lacks ------------------------------------------------------------------
 
 
-def suggest(model: Model, wish: Wish, top: int = PAGE, *, has_coverage: bool = True) -> Suggestions:
+def suggest(
+    model: Model,
+    wish: Wish,
+    top: int = PAGE,
+    *,
+    has_coverage: bool = True,
+    new_only: bool = True,
+    rule: Rule | None = None,
+) -> Suggestions:
     """Suggest recipes that the book lacks, the most probable first, none of them for one item only.
 
     Args:
@@ -438,22 +443,35 @@ def suggest(model: Model, wish: Wish, top: int = PAGE, *, has_coverage: bool = T
         wish: the wanted recipes.
         top: most recipes.
         has_coverage: whether ingredients must bring the goal's parts, by a model of sets.
+        new_only: whether a model of sets leaves out the book's recipes of a goal; all others do.
+        rule: which sets of a goal are allowed; None for all.
 
     Raises:
-        ConfigError: if the model has no probabilities, or, of sets, too many goals.
+        ConfigError: if the model has no probabilities, or, of sets, too many goals; or for a rule
+            without sets of a goal.
         UnknownEntityError: for an entity that the graph lacks.
     """
     if wish.goal is not None and is_set_model(model):
-        return suggest_recipes(model, wish.goal, top, has_coverage=has_coverage, new_only=True)
+        return suggest_sets(
+            model, wish.goal, top, has_coverage=has_coverage, new_only=new_only, rule=rule
+        )
+    if rule is not None:
+        raise ConfigError(
+            "`rule` chooses among the sets of a goal, by a model of sets; expected such a model "
+            "and `goal`. Leave `rule` out."
+        )
     graph = model.opened.graph
     wish.check(graph)
     steps = layers(graph, wish.table) if wish.table else None
     analogies: tuple[Analogy, ...] = ()
     combines = None
     if is_set_model(model):
-        listed = _likely_sets(model, wish, steps, top, has_coverage=has_coverage)
+        listed = list(_likely_sets(model, wish, steps, top, has_coverage=has_coverage))
     else:
-        finder = finder_of(model)
+        # Test recipes are in the book, too.
+        finder = RecipeFinder.of(
+            model.scorer, graph.recipes, allows_self_results=graph.has_self_results
+        )
         recipes = likely_pairs(finder, wish, graph, steps)
         rows = varied(recipes.rows.tolist(), top, {graph.id_of(label) for label in wish.labels})
         listed = [
@@ -464,9 +482,10 @@ def suggest(model: Model, wish: Wish, top: int = PAGE, *, has_coverage: bool = T
         ]
         shown_pairs = () if wish.pair else {suggestion.ingredients for suggestion in listed}
         if wish.goal is None:
-            analogies = _analogies(finder, recipes, graph, shown_pairs)
+            gaps = _analogies(finder, recipes, graph, shown_pairs)
+            analogies = tuple(islice(gaps, ANALOGIES))
         combines = float(recipes.combines[0]) if wish.pair else None
-    known_steps = [] if steps is None else _made(model.opened.split, steps)
+    known_steps = [] if steps is None else list(_made(model.opened.split, steps))
     return Suggestions(
         wish,
         {},
@@ -478,16 +497,6 @@ def suggest(model: Model, wish: Wish, top: int = PAGE, *, has_coverage: bool = T
         tuple(known_steps[:top]),
         len(known_steps),
     )
-
-
-def finder_of(model: Model) -> RecipeFinder:
-    """Return the finder of recipes of pairs that the whole book lacks, test recipes included.
-
-    Raises:
-        ConfigError: if the model has no probabilities.
-    """
-    graph = model.opened.graph
-    return RecipeFinder.of(model.scorer, graph.recipes, allows_self_results=graph.has_self_results)
 
 
 def likely_pairs(
@@ -567,30 +576,28 @@ def _analogies(
     likely: LikelyRecipes,
     graph: RecipeGraph,
     shown: Collection[tuple[str, ...]],
-) -> tuple[Analogy, ...]:
-    """Return the pairs that most probably make something which no known entity fits.
+) -> Iterator[Analogy]:
+    """Yield the pairs that most probably make something which no known entity fits.
 
     A pair that is ``shown`` with a result has one; a pair alone may make nothing.
     """
     is_alone = len(likely.pairs) == 1
     fits = likely.combines * likely.best_shares if is_alone else likely.best_shares
     gaps = np.where(fits < FIT, likely.combines * (1 - likely.best_shares), 0)
-    analogies: list[Analogy] = []
     for row in np.argsort(-gaps, kind="stable").tolist():
-        if gaps[row] <= 0 or len(analogies) == ANALOGIES:
-            break
+        if gaps[row] <= 0:
+            return
         pair = likely.pairs[row].tolist()
         labels = graph.labels(pair)
         like = None if labels in shown else finder.analogy(*pair)
         if like is not None:
             *ingredients, result = graph.labels(like[0])
             support = SetSupport(tuple(ingredients), result, like[1])
-            analogies.append(Analogy(labels, float(likely.combines[row]), support))
-    return tuple(analogies)
+            yield Analogy(labels, float(likely.combines[row]), support)
 
 
-def _made(split: Split, steps: Ids) -> list[Suggestion]:
-    """Return a known recipe for each entity that the listed ones lead to, in order of steps."""
+def _made(split: Split, steps: Ids) -> Iterator[Suggestion]:
+    """Yield a known recipe for each entity that the listed ones lead to, in order of steps."""
     graph = split.graph
     *ingredients, results = graph.sets.T
     # The padding of small recipes is there from the start; what is never made comes last.
@@ -601,18 +608,17 @@ def _made(split: Split, steps: Ids) -> list[Suggestion]:
     _, rows = np.unique(results[is_first], return_index=True)
     rows = np.flatnonzero(is_first)[rows]
     rows = rows[np.argsort(from_start[results[rows]], kind="stable")]
-    suggestions = []
-    for recipe in graph.recipe_labels(graph.sets[rows]):
-        step = int(from_start[graph.id_of(recipe.result)])
-        part = _known(split, recipe.ingredients, recipe.result)
-        suggestions.append(Suggestion(recipe.ingredients, recipe.result, 1.0, part, (), step))
-    return suggestions
+    names = get_args(Part)
+    for row, recipe in zip(rows, graph.recipe_labels(graph.sets[rows]), strict=True):
+        part = names[split.parts[row]]
+        step = int(from_start[results[row]])
+        yield Suggestion(recipe.ingredients, recipe.result, 1.0, part, (), step)
 
 
 def _likely_sets(
     model: Model, wish: Wish, steps: Ids | None, top: int, *, has_coverage: bool
-) -> list[Suggestion]:
-    """Return the most probable sets that a wish asks for, of all goals that the book makes."""
+) -> Iterator[Suggestion]:
+    """Yield the most probable sets that a wish asks for, of all goals that the book makes."""
     scorer = model.scorer
     assert isinstance(scorer, SetScorer)
     split = model.opened.split
@@ -643,14 +649,12 @@ def _likely_sets(
     rows = varied(
         ((*ranked_set.ingredients, goal) for ranked_set, goal, _ in candidates), top, wish_ids
     )
-    suggestions = []
     for row in rows:
         ranked_set, goal, step = candidates[row]
         suggestion = _suggestion(
             split, scorer, ranked_set.ingredients, graph.entities[goal], ranked_set.score
         )
-        suggestions.append(msgspec.structs.replace(suggestion, steps=step))
-    return suggestions
+        yield msgspec.structs.replace(suggestion, steps=step)
 
 
 ACCEPT = "accept"
@@ -659,13 +663,6 @@ COLUMNS = ("probability", "because", ACCEPT)
 """Columns behind ingredients and result."""
 TICKS = ("x", "yes", "y", "1", "true")
 """Cells that accept a recipe, in any case; all others leave it out."""
-
-
-def because_cell(suggestion: Suggestion) -> str:
-    """Return the nearest known recipe as the text of a cell, or an empty one."""
-    for near in suggestion.because[:1]:
-        return f"{' + '.join(near.ingredients)} -> {near.result}"
-    return ""
 
 
 def check_new_table(out: Path) -> None:
@@ -718,7 +715,8 @@ def table_lines(suggestions: Sequence[Suggestion], delimiter: str = ",") -> Iter
     for suggestion in suggestions:
         empty = [""] * (width - len(suggestion.ingredients))
         probability = f"{suggestion.probability:.3f}"
-        further_cells = (probability, because_cell(suggestion), "")
+        nearest_recipe = str(suggestion.because[0]) if suggestion.because else ""
+        further_cells = (probability, nearest_recipe, "")
         cells = (*suggestion.ingredients, *empty, suggestion.result, *further_cells)
         yield csv_line(cells, delimiter)
 

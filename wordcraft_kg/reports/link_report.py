@@ -2,7 +2,6 @@
 
 from typing import TYPE_CHECKING
 
-from wordcraft_kg.agents.players import FEWEST_USES, advice_on_words, is_words_player
 from wordcraft_kg.evaluation.links import (
     FEW_TEST_RECIPES,
     LinkView,
@@ -17,19 +16,6 @@ from wordcraft_kg.reports.pages import GLOSSARY, Report, render_page
 if TYPE_CHECKING:
     import pandas as pd
 
-PLAYERS = {
-    "v": "ingredient scores alone (v)",
-    "u": "combination scores alone (u)",
-    "u+v, self edges kept": "both (u + v), self edges kept",
-    "u+v, self edges observed": "both (u + v), self edges where training has them",
-    "w, best pair": "recipes (w): the best pair",
-    "t, best pair": "table (t): the best pair",
-    "u+v, self edges dropped": "both (u + v), self edges dropped",
-    "random": "any slot at random",
-    FEWEST_USES: "the two entities with the fewest train uses, whatever the goal",
-    "recipe oracle": "recipe oracle",
-}
-
 
 def make_link_report(view: LinkView, ranks: "pd.DataFrame | None" = None) -> Report[LinkView]:
     """Return the report on a link predictor, ready to write.
@@ -43,7 +29,6 @@ def make_link_report(view: LinkView, ranks: "pd.DataFrame | None" = None) -> Rep
     Returns:
         The report, for :func:`~wordcraft_kg.reports.pages.write_report`.
     """
-    words = [row.player for row in view.kg_play if is_words_player(row.player)]
     return Report(
         view,
         "link_report.html.j2",
@@ -54,9 +39,6 @@ def make_link_report(view: LinkView, ranks: "pd.DataFrame | None" = None) -> Rep
         },
         shown={
             "relations": RELATIONS,
-            "players": PLAYERS | {name: f"the two entities with the {name}" for name in words},
-            "words": words,
-            "advice": advice_on_words(words),
             "few": FEW_TEST_RECIPES,
             "few_test_recipes": has_few_test_recipes(view),
         },

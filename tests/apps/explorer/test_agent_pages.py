@@ -84,7 +84,7 @@ def test_an_episode_is_what_the_agent_explains(agents, run):
     state = EpisodeState(run=run, part="train", task=11, distractor_seed=2)
     first = view_of(agents, state).first
     assert first == explainer.task(11, 2)
-    labels = agents.opened.graph.labels(explainer.drawn(4)[:3])
+    labels = agents.opened.graph.labels(explainer.tables.table(4)[:3])
     edited = EpisodeState(run=run, part="train", task=4, goal="bread", table=labels)
     assert view_of(agents, edited).first == explainer.table("bread", labels, like=4)
     page = look(agents, state).page

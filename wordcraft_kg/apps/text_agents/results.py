@@ -146,7 +146,7 @@ def _termination_of(game: TaskGame) -> TerminationReason:
 def evaluation_of(played: Sequence[GameRecord], groups: Ids | None = None) -> "Evaluation":
     """Convert the records of N tasks with D distractor seeds each to an evaluation, shape (N, D).
 
-    The last pairs have no ids (-1), because records need no graph; no metric depends on them.
+    Decisions have no hash (-1), because records need no graph; no metric depends on them.
 
     Args:
         played: the records, in any order.
@@ -175,7 +175,6 @@ def evaluation_of(played: Sequence[GameRecord], groups: Ids | None = None) -> "E
         np.array([game.by_plan for game in games], dtype=bool).reshape(shape),
         np.array([game.actions for game in games], dtype=np.int64).reshape(shape),
         np.array(terminations, dtype=np.int8).reshape(shape),
-        np.full((*shape, 2), -1),
         np.full(shape, -1),
     )
 

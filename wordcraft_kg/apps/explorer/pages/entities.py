@@ -14,7 +14,7 @@ from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, num_pages, paging
 from wordcraft_kg.apps.explorer.predictor import PlacedRecipe, PredictedSlot, placed_recipes
 from wordcraft_kg.base import ConfigError, Count, Record
-from wordcraft_kg.evaluation.suggestions import Suggestion, is_set_model, suggest_recipes
+from wordcraft_kg.evaluation.suggestions import Suggestion, is_set_model, suggest_sets
 from wordcraft_kg.graphs import (
     COMBINES_WITH,
     COMPONENT_OF,
@@ -341,7 +341,7 @@ def _view(explored: Explored, state: EntityState) -> EntityProfile:
     if predictor is not None and is_set_model(predictor.model):
         # A base entity may have no likely recipe.
         with suppress(ConfigError):
-            suggested = suggest_recipes(predictor.model, label, PREDICTED).suggestions
+            suggested = suggest_sets(predictor.model, label, PREDICTED).suggestions
     elif predictor is not None:
         scored = [predictor.slot(entity, relation, side) for relation, side in OPEN_SLOTS]
         slots = tuple(predictor.best(slot, top=PREDICTED) for slot in scored)

@@ -203,7 +203,7 @@ def _explained(run: FollowedRun, world: World, state: EpisodeState) -> Explained
     if state.labels:
         table = [_label(graph, label) for label in state.labels]
     else:
-        table = explainer.drawn(state.task, state.distractor_seed)
+        table = explainer.tables.table(state.task, state.distractor_seed)
     selection = [_label(graph, state.selection)] if state.selection else []
     return explainer.table(goal, table, selection, like=state.task)
 

@@ -389,11 +389,7 @@ class BestPlan(BestRecipe):
             IndexError: for a number without a task.
             ConfigError: if the search would not fit into memory.
         """
-        model = self.model_of(states.task)
-        # None: the model of all train recipes, number 0, scores all states.
-        if model is None:
-            model = torch.zeros_like(states.goal)
-        return self.search.features(*self._searched(states, model))
+        return self.search.features(*self._searched(states, self.model_of(states)))
 
     def _searched(
         self, states: States, model: Tensor
@@ -450,8 +446,7 @@ class BestPlan(BestRecipe):
         attempts = states.attempts
         if attempts is None:
             return evidence
-        models = self.model_of(states.task)
-        model = 0 if models is None else int(models)
+        model = int(self.model_of(states))
         entities = states.table[0].tolist()
         # Each entity once, without empty slots, with a selection that is not on the table.
         distinct = dict.fromkeys((*entities, int(states.selection)))

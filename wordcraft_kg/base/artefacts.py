@@ -276,18 +276,13 @@ def output_target(out: Path, setting: str = "out") -> Path:
 
 def _refuse_lost_link(path: Path, setting: str) -> None:
     """Raise OutputExistsError for a link that leads nowhere: nothing can be written there."""
-    if not path.is_symlink():
-        return
-    target = Path(os.path.realpath(path))
-    if not os.path.lexists(target):
+    if path.is_symlink() and not os.path.exists(path):
+        target = os.path.realpath(path)
+        fault = f"to '{target}', which does not exist"
+        if os.path.islink(target):
+            fault = "in a loop of links"
         raise OutputExistsError(
-            f"'{path}' is a link to '{target}', which does not exist. Remove the link, or choose "
-            f"another `{setting}`."
-        )
-    if target.is_symlink():
-        raise OutputExistsError(
-            f"'{path}' is a link in a loop of links. Remove the link, or choose another "
-            f"`{setting}`."
+            f"'{path}' is a link {fault}. Remove the link, or choose another `{setting}`."
         )
 
 
@@ -328,14 +323,12 @@ def write_atomically(
         dir=path.parent, prefix=f".{path.name}.", suffix=TEMPORARY
     )
     try:
-        if isinstance(content, bytes):
-            with os.fdopen(descriptor, "wb") as binary:
-                binary.write(content)
-        else:
-            with os.fdopen(descriptor, "w", encoding="utf-8", newline="") as text:
-                text.writelines([content] if isinstance(content, str) else content)
-        if durable:
-            with open(temporary, "rb+") as file:
+        parts = [content] if isinstance(content, str | bytes) else content
+        with os.fdopen(descriptor, "wb") as file:
+            for part in parts:
+                file.write(part if isinstance(part, bytes) else part.encode())
+            if durable:
+                file.flush()
                 os.fsync(file.fileno())
         # mkstemp makes private files; outputs have the usual permissions of new files.
         os.chmod(temporary, 0o666 & ~_umask())

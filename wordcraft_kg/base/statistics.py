@@ -642,13 +642,10 @@ def holm(p_values: Sequence[float]) -> list[float]:
     for value in p_values:
         if not 0 <= value <= 1:
             raise ConfigError(f"p-value {value}: expected a number from 0 to 1.")
-    corrected = [0.0] * len(p_values)
-    highest = 0.0
-    ascending = sorted(range(len(p_values)), key=p_values.__getitem__)
-    for rank, place in enumerate(ascending):
-        remaining = len(p_values) - rank
-        multiplied = min(1.0, remaining * p_values[place])
-        # Never below that of a smaller p-value, so that the order of the comparisons stays.
-        highest = max(highest, multiplied)
-        corrected[place] = highest
-    return corrected
+    ascending = np.argsort(p_values, kind="stable")
+    multiplied = np.arange(len(p_values), 0, -1) * np.asarray(p_values)[ascending]
+    corrected = np.empty(len(p_values))
+    # Never below that of a smaller p-value, so that the order of the comparisons stays.
+    corrected[ascending] = np.maximum.accumulate(multiplied.clip(max=1))
+    values: list[float] = corrected.tolist()
+    return values

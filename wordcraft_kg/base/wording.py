@@ -12,10 +12,10 @@ themselves are never changed: their keys are compared, and their words looked up
 vectors. Answers in texts are read more leniently, see :mod:`wordcraft_kg.base.labels`.
 """
 
-import math
 import re
 import unicodedata
 from collections.abc import Callable, Iterable, Sequence
+from decimal import Decimal
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
@@ -74,11 +74,8 @@ def approximate(number: int) -> str:
     if number < 10**12:
         return f"{number:,}"
     # Python does not print more than 4,300 digits, and such a number exceeds a float.
-    exponent = math.floor(math.log10(number))
-    leading = round(10 ** (math.log10(number) - exponent), 1)
-    if leading >= 10:  # 9.96 is rounded to 10.0
-        return f"about 1 × 10^{exponent + 1}"
-    return f"about {leading:g} × 10^{exponent}"
+    leading, exponent = f"{Decimal(number):.1e}".split("e+")
+    return f"about {float(leading):g} × 10^{exponent}"
 
 
 _BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"

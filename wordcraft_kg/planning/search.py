@@ -143,11 +143,6 @@ class PlanSearch:
         self.reused = reused
         self.at_once = at_once
 
-    @property
-    def device(self) -> torch.device:
-        """The device of the arrays."""
-        return self.knowledge.bias.device
-
     @torch.no_grad()
     def values(
         self,
@@ -274,13 +269,13 @@ class PlanSearch:
         """
         steps: list[tuple[int, int, int, float]] = []
         slots = len(table)
+        device = self.knowledge.bias.device
         if tried is None:
-            tried = torch.zeros(1, slots, slots, dtype=torch.bool, device=self.device)
+            tried = torch.zeros(1, slots, slots, dtype=torch.bool, device=device)
         has_form = attempts_left == 2 and not tried.any()
         tried = tried.clone()
         table = list(table)
         first, second = pair
-        device = self.device
         goals = torch.tensor([goal], device=device)
         models = torch.tensor([model], device=device)
         for remaining in range(min(attempts_left, MAX_ATTEMPTS), 0, -1):

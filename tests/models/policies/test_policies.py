@@ -19,11 +19,10 @@ from wordcraft_kg.models.policies.attention import (
     Slots,
     TableAttention,
     masked_softmax,
-    mix_logits,
 )
 from wordcraft_kg.models.policies.networks import MLPPolicy
 from wordcraft_kg.models.policies.pairs import LENGTH, PairPolicy
-from wordcraft_kg.models.policies.policy import EntityVectors, log_policy
+from wordcraft_kg.models.policies.policy import EntityVectors, log_policy, mix_logits
 from wordcraft_kg.models.policies.states import Attempts, States
 
 SIZE = 7

@@ -19,6 +19,7 @@ from wordcraft_kg.models.policies.policy import (
     PolicyOutput,
     Weights,
     look_up,
+    named_weights,
 )
 from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.policies.sources.source import Source
@@ -29,12 +30,6 @@ FOLD_LIMIT = 300
 
 The product has F columns instead of d: cheaper than both products in each step as long as F is not
 much larger than d, which is 300 by default.
-"""
-SPEED = 30.0
-"""How many times as fast the mixing weights of :class:`SourceWeights` learn as other parameters.
-
-With 1 the weights of good sources end at 3, where others reach 40, and with 100 those of useless
-sources do not come to rest.
 """
 MOST_ATTEMPTS = 5
 """Attempts that a policy tells apart, the deepest tasks' number; more count as this many."""
@@ -89,7 +84,7 @@ class AttentionPolicy(Policy):
         self.attention = TableAttention(vectors.dim, config.key_size)
         self.value = _head(vectors.dim, config.value_size, 1)
         if self.sources and config.lambda_form == "residual":
-            self.lambdas = SourceWeights(self.first_lambdas()[-len(self.sources) :])
+            self.lambdas = self.source_weights()
         elif self.sources:
             self.mixture = _head(vectors.dim, config.value_size, len(self.labels))
             if config.lambda_form == "free":
@@ -104,34 +99,25 @@ class AttentionPolicy(Policy):
     @torch.no_grad()
     def _set_first_lambdas(self) -> None:
         """Let the network for λ begin at or near the first mixing weights."""
-        last = self.mixture[2]
-        assert isinstance(last, nn.Linear)
-        last.bias.copy_(self.first_lambdas())
+        self.mixture.get_parameter("2.bias").copy_(self.first_lambdas())
         if self.looks_ahead:
             # Exactly the planner; otherwise the drawn weights add small differences.
-            nn.init.zeros_(last.weight)
+            nn.init.zeros_(self.mixture.get_parameter("2.weight"))
 
     def weights(  # noqa: D102 - inherited
         self, generator: torch.Generator | None = None
     ) -> Weights:
-        mixture: Weights = {}
+        weights = self.vectors.weights() | _head_weights("value", self.value)
         if self.sources and self.config.lambda_form == "residual":
-            # Attention comes first among the labels, if it is in use.
-            lambdas = self.lambdas()
-            attention_lambdas = lambdas.new_ones(len(self.labels) - len(lambdas))
-            mixture = {"lambdas": torch.cat([attention_lambdas, lambdas])}
+            weights |= self.residual_weights(self.lambdas)
         elif self.sources:
-            mixture = _head_weights("mixture", self.mixture)
-        phases = self.phases.weights() if self.config.sees_attempts else {}
-        combine = self.combine.weights() if self.most_picks else {}
-        return {
-            **self.vectors.weights(),
-            **_head_weights("value", self.value),
-            **mixture,
-            **self.attention.weights(),
-            **phases,
-            **combine,
-        }
+            weights |= _head_weights("mixture", self.mixture)
+        weights |= self.attention.weights()
+        if self.config.sees_attempts:
+            weights |= named_weights("phases", self.phases)
+        if self.most_picks:
+            weights |= named_weights("combine", self.combine)
+        return weights
 
     def output(  # noqa: D102 - inherited
         self,
@@ -163,44 +149,20 @@ class AttentionPolicy(Policy):
         value = _mlp(encoding, weights, "value")[:, 0]
         if phases is not None:
             value = value + weights["phases.value"].index_select(0, phases)
-        if external_scores is None:
-            return PolicyOutput(alpha.masked_fill(~mask, -torch.inf), value)
-        sources = external_scores
-        if not self.config.kg_only:
-            sources = torch.cat([alpha[:, None], external_scores], dim=1)
+        lambdas = None
+        if self.sources:
+            lambdas = self._lambdas(encoding, weights, phases)
+        return self.mixed(alpha, value, mask, external_scores, lambdas)
+
+    def _lambdas(self, encoding: Tensor, weights: Weights, phases: Tensor | None) -> Tensor:
+        """Return λ, shape (B, S), for encodings (B, F) and phases (B,)."""
         if self.config.lambda_form == "residual":
             lambdas = weights["lambdas"].expand(len(encoding), -1)
         else:
             lambdas = _mlp(encoding, weights, "mixture")
         if phases is not None:
             lambdas = lambdas + weights["phases.lambdas"].index_select(0, phases)
-        if self.config.lambda_form == "softmax":
-            lambdas = torch.softmax(lambdas, dim=1)
-        return PolicyOutput(mix_logits(sources, lambdas, mask), value, sources, lambdas)
-
-
-class SourceWeights(nn.Module):
-    """A mixing weight λ for each source, the same in all states: ``λ = first + c · step``.
-
-    An optimiser such as RMSProp moves each parameter by at most about its learning rate in an
-    update, and the λ of good sources are large: with :data:`SPEED` (c) they are reached in time.
-
-    Attributes:
-        step: shape (S,): the learned parameter, 0 at first.
-    """
-
-    first: Tensor
-
-    def __init__(self, first: Tensor):
-        """Begin with the weights ``first``, shape (S,)."""
-        super().__init__()
-        # Follows from the settings, so that it is made again and not saved.
-        self.register_buffer("first", first, persistent=False)
-        self.step = nn.Parameter(torch.zeros_like(first))
-
-    def forward(self) -> Tensor:
-        """Return λ, shape (S,)."""
-        return self.first + SPEED * self.step
+        return torch.softmax(lambdas, dim=1) if self.config.lambda_form == "softmax" else lambdas
 
 
 class Combine(nn.Module):
@@ -216,10 +178,6 @@ class Combine(nn.Module):
         super().__init__()
         self.key = nn.Parameter(torch.zeros(dim))
         self.counts = nn.Parameter(torch.zeros(most_picks + 1))
-
-    def weights(self) -> Weights:
-        """Return both terms by name."""
-        return {f"combine.{name}": parameter for name, parameter in self.named_parameters()}
 
 
 class Phases(nn.Module):
@@ -242,10 +200,6 @@ class Phases(nn.Module):
         if num_lambdas:
             self.lambdas = nn.Parameter(torch.zeros(NUM_PHASES, num_lambdas))
 
-    def weights(self) -> Weights:
-        """Return all terms by name."""
-        return {f"phases.{name}": parameter for name, parameter in self.named_parameters()}
-
 
 def phases_of(states: States, nothing: int) -> Tensor:
     """Return each state's phase, shape (B,), int64, from 0 to :data:`NUM_PHASES` - 1.
@@ -263,32 +217,6 @@ def phases_of(states: States, nothing: int) -> Tensor:
         raise ConfigError("a policy with `sees_attempts` needs the attempts left in its states.")
     attempts_left = states.attempts.left.clamp(1, MOST_ATTEMPTS)
     return 2 * (attempts_left - 1) + (states.num_selected(nothing) > 0)
-
-
-def mix_logits(
-    logits: Tensor,
-    lambdas: Tensor,
-    slot_mask: Tensor,
-) -> Tensor:
-    """Mix the sources' scores into a logit for each slot: ``β_i = Σ_s λ_s · source_s,i``.
-
-    Empty slots become -inf *after* mixing, so no choice of λ can revive them.
-
-    Args:
-        logits: shape (B, S, A): scores, with a channel for each source in use; attention logits α
-            first if in use.
-        lambdas: shape (B, S): mixing weights. A source that is not in use has no entry.
-        slot_mask: shape (B, A), bool: True for occupied slots.
-
-    Returns:
-        shape (B, A): exactly -inf where ``slot_mask`` is False.
-
-    Source: Jiang et al. 2020, appendix "Learning Mixing Coefficients"; differs by masking after
-    mixing.
-    """
-    # (1, S) by (S, A) for each state.
-    mixed = torch.bmm(lambdas[:, None, :], logits)[:, 0]
-    return mixed.masked_fill(~slot_mask, -torch.inf)
 
 
 def masked_softmax(logits: Tensor, mask: Tensor) -> Tensor:
@@ -431,14 +359,11 @@ def _head(
 
 def _head_weights(name: str, head: nn.Sequential) -> Weights:
     # Transposed, so that `addmm` takes them as they are.
-    first, _, second = head
-    assert isinstance(first, nn.Linear)
-    assert isinstance(second, nn.Linear)
     return {
-        f"{name}.first": first.weight.T,
-        f"{name}.first.bias": first.bias,
-        f"{name}.second": second.weight.T,
-        f"{name}.second.bias": second.bias,
+        f"{name}.first": head.get_parameter("0.weight").T,
+        f"{name}.first.bias": head.get_parameter("0.bias"),
+        f"{name}.second": head.get_parameter("2.weight").T,
+        f"{name}.second.bias": head.get_parameter("2.bias"),
     }
 
 

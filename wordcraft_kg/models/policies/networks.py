@@ -8,13 +8,14 @@ from torch.func import functional_call
 from torch.nn.modules.dropout import _DropoutNd
 
 from wordcraft_kg.base import ConfigError, check_memory
-from wordcraft_kg.models.policies.attention import SourceWeights, mix_logits
+from wordcraft_kg.base.tensors import with_prefix
 from wordcraft_kg.models.policies.policy import (
     EntityVectors,
     Policy,
     PolicyOutput,
     Weights,
     look_up,
+    named_weights,
 )
 from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.policies.sources.source import Source
@@ -99,10 +100,6 @@ class MLPPolicy(Policy):
         return bias + look_up(rows, ids + offsets).sum(1)
 
 
-_NETWORK = "network."
-"""Prefix of the network's parameters among the weights."""
-
-
 class NetworkPolicy(Policy):
     """A network for slots, ``network(states, vectors) -> (logits, value)``, alone or with sources.
 
@@ -146,7 +143,7 @@ class NetworkPolicy(Policy):
             check_memory("entities", size, what, 4 * size * (size + 1))
         self.network = network.eval()
         if self.sources:
-            self.lambdas = SourceWeights(self.first_lambdas()[-len(self.sources) :])
+            self.lambdas = self.source_weights()
 
     def weights(  # noqa: D102 - inherited
         self, generator: torch.Generator | None = None
@@ -156,13 +153,9 @@ class NetworkPolicy(Policy):
         device = next(self.network.parameters()).device
         weights = self.vectors.weights() or {"vectors": torch.eye(size + 1, size, device=device)}
         # By name, so that an actor may lag behind the learner.
-        for name, parameter in self.network.named_parameters():
-            weights[_NETWORK + name] = parameter
+        weights |= named_weights("network", self.network)
         if self.sources:
-            lambdas = self.lambdas()
-            weights["lambdas"] = torch.cat(
-                [lambdas.new_ones(len(self.labels) - len(lambdas)), lambdas]
-            )
+            weights |= self.residual_weights(self.lambdas)
         return weights
 
     def output(  # noqa: D102 - inherited
@@ -171,11 +164,7 @@ class NetworkPolicy(Policy):
         weights: Weights,
         external_scores: Tensor | None,
     ) -> PolicyOutput:
-        parameters = {
-            name.removeprefix(_NETWORK): tensor
-            for name, tensor in weights.items()
-            if name.startswith(_NETWORK)
-        }
+        parameters = with_prefix(weights, "network.")
         result = functional_call(self.network, parameters, (states, weights["vectors"]))
         parts = result if isinstance(result, tuple) else (result,)
         shapes = [tuple(getattr(part, "shape", ())) for part in parts]
@@ -187,10 +176,5 @@ class NetworkPolicy(Policy):
             )
         logits, value = result
         mask = states.slot_mask(self.num_entities)
-        if external_scores is None:
-            return PolicyOutput(logits.masked_fill(~mask, -torch.inf), value)
-        sources = external_scores
-        if not self.config.kg_only:
-            sources = torch.cat([logits[:, None], external_scores], dim=1)
-        lambdas = weights["lambdas"].expand(len(logits), -1)
-        return PolicyOutput(mix_logits(sources, lambdas, mask), value, sources, lambdas)
+        lambdas = weights["lambdas"].expand(len(logits), -1) if self.sources else None
+        return self.mixed(logits, value, mask, external_scores, lambdas)

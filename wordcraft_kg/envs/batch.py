@@ -362,15 +362,12 @@ class BatchEngine:
             ConfigError: for a negative seed, or if no distractors without a shortcut are found for
                 a task.
         """
-        return self._begin(self._keys(seed), self.arrays.full((self.num_envs,), 0))
-
-    def restart(self, state: State) -> State:
-        """Begin the next episode in every environment.
-
-        Raises:
-            ConfigError: if no distractors without a shortcut are found for a task.
-        """
-        return self._begin(state.keys, state.episode)
+        keys = self._keys(seed)
+        episode = self.arrays.full((self.num_envs,), 0)
+        ahead = Ahead(self._draws, keys, episode)
+        begun = self._begun(*ahead.take(self.rows, episode))
+        # The cache has already given its first episode, hence age 1.
+        return State(self, keys, ahead, 1, *begun, episode + 1)
 
     def reseed(
         self,
@@ -447,13 +444,6 @@ class BatchEngine:
 
     def _keys(self, seed: int) -> Array:
         return self._draws.env_keys(seed, self.first_env, self.num_envs)
-
-    def _begin(self, keys: Array, episode: Array) -> State:
-        """Begin the episodes with the given numbers, shape (N,), in all environments."""
-        ahead = Ahead(self._draws, keys, episode)
-        begun = self._begun(*ahead.take(self.rows, episode))
-        # The cache has already given its first episode, hence age 1.
-        return State(self, keys, ahead, 1, *begun, episode + 1)
 
     def _begun(self, tables: Array, tasks: Array) -> _Begun:
         """Return the first states of R episodes, from tables (R, at most num_slots) and tasks."""
@@ -684,19 +674,22 @@ class BatchEngine:
         shaped = None
         if self._is_shaped:
             shaped = self.arrays.full((self.num_envs,), 0, self._reward_dtype)
-        padded_table = state.wide
-        count = state.count
-        attempts = self._combine(state, pair, running)
-        if attempts is not None:
-            rows = attempts.rows
-            final_pairs = self._final_pairs[state.task[rows]]
-            made_goal[rows] = attempts.is_goal
-            is_final = (final_pairs == pair[rows][:, None]).any(1)
-            by_plan[rows] = attempts.is_goal & is_final
-            if not (is_replaced and self._are_all_over(state, attempts)):
-                padded_table, count, news = self._put_on_table(state, attempts)
-                if shaped is not None:
-                    shaped[rows] = self._shaping(state, attempts, news)
+        makes = (pair != self.pairs.no_pair) & running
+        rows = self.arrays.rows(makes)
+        if not len(rows):  # as after most actions
+            return _Results(made_goal, by_plan, state.wide, state.count, shaped)
+        results = self.pairs.results[pair[rows]]
+        is_goal = (results == state.goal[rows][:, None]).any(1) & makes[rows]
+        final_pairs = self._final_pairs[state.task[rows]]
+        is_final = (final_pairs == pair[rows][:, None]).any(1)
+        made_goal[rows] = is_goal
+        by_plan[rows] = is_goal & is_final
+        attempts = _Made(rows, makes[rows], results, is_goal)
+        if is_replaced and self._are_all_over(state, attempts):
+            return _Results(made_goal, by_plan, state.wide, state.count, shaped)
+        padded_table, count, news = self._put_on_table(state, attempts)
+        if shaped is not None:
+            shaped[rows] = self._shaping(state, attempts, news)
         return _Results(made_goal, by_plan, padded_table, count, shaped)
 
     def _reward(self, results: _Results, picked: _Picked) -> Array:
@@ -707,22 +700,6 @@ class BatchEngine:
         makes_nothing = picked.is_pair & (picked.pair == self.pairs.no_pair)
         is_wrong = self.arrays.cast(makes_nothing, self._reward_dtype)
         return reward + results.shaped - self._rewards.wrong_pair_penalty * is_wrong
-
-    def _combine(
-        self,
-        state: State,
-        pair: Array,
-        running: Array,
-    ) -> _Made | None:
-        """Return the attempts that make something; None if there is none, as after most actions."""
-        makes = (pair != self.pairs.no_pair) & running
-        rows = self.arrays.rows(makes)
-        if not len(rows):
-            return None
-        makes = makes[rows]
-        results = self.pairs.results[pair[rows]]
-        is_goal = (results == state.goal[rows][:, None]).any(1) & makes
-        return _Made(rows, makes, results, is_goal)
 
     def _are_all_over(self, state: State, attempts: _Made) -> bool:
         """Return whether all episodes with results end, so that their tables are never seen.

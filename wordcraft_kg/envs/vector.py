@@ -132,23 +132,20 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
                 f"`reset_mask`: expected booleans of shape ({self.num_envs},), and no seed or "
                 f"{self.num_envs} seeds."
             )
-        # Without a seed, the first reset draws one, and all later resets go on from there.
-        if self._state is None and seed is None:
-            seed = int(np.random.SeedSequence().generate_state(1)[0])
-        # A mask resets finished episodes in place, in the mode DISABLED.
-        if mask is not None or seeds is not None:
-            state = self.engine.reset(seed or 0) if self._state is None else self._state
-            if seeds is not None:
-                state = self.engine.reseed(state, seeds, mask)
+        state = self._state
+        is_continued = seed is None and state is not None
+        if state is None or seed is not None:
+            # Without a seed, the first reset draws one, and all later resets go on from there.
+            drawn = int(np.random.SeedSequence().generate_state(1)[0])
+            state = self.engine.reset(drawn if seed is None else seed)
+        if seeds is not None:
+            state = self.engine.reseed(state, seeds, mask)
+        if seeds is not None or is_continued:
+            # A mask resets finished episodes in place, in the mode DISABLED.
             everywhere = np.ones(self.num_envs, dtype=bool)
             state = self.engine.begin_where(state, everywhere if mask is None else mask)
-        elif seed is None and self._state is not None:
-            state = self.engine.restart(self._state)
-        else:
-            assert seed is not None  # drawn above
-            state = self.engine.reset(seed)
         self._state = state
-        return self._observations(), self._infos(self._no_step(), state.task)
+        return state.observed(slice(None)), self._infos(self._no_step(), state.task)
 
     def step(
         self, actions: NDArray[np.int64]
@@ -182,8 +179,13 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         shown = result
         ends: dict[str, Any] = {}
         if self._mode is AutoresetMode.SAME_STEP and result.over.any():
-            shown = self._running(result)
             ended = result.over
+            # Without ended episodes, whose places are taken by new ones.
+            shown = result._replace(
+                outcome=result.outcome * ~ended,
+                by_plan=result.by_plan & ~ended,
+                illegal=result.illegal & ~ended,
+            )
             ends = {
                 "final_obs": _final_obs(self.state, ended),
                 "final_info": self._final_info(result),
@@ -197,7 +199,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         never = np.zeros(self.num_envs, dtype=bool)
         reward = result.reward.astype(np.float64)
         infos = self._infos(shown, task) | ends
-        return self._observations(), reward, result.over, never, infos
+        return self.state.observed(slice(None)), reward, result.over, never, infos
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity, shape (N, num_slots)."""
@@ -213,9 +215,6 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         if self._state is None:
             raise EpisodeError("call reset() before step().")
         return self._state
-
-    def _observations(self) -> Arrays:
-        return self.state.observed(slice(None))
 
     def _no_step(self) -> Step:
         """Return the outcome of no action in any environment."""
@@ -238,16 +237,6 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
             info[name] = np.where(result.over, column, empty)
             info[f"_{name}"] = result.over.copy()
         return info
-
-    @staticmethod
-    def _running(result: Step) -> Step:
-        """Return a step's outcome without ended episodes, whose places are taken by new ones."""
-        running = ~result.over
-        return result._replace(
-            outcome=result.outcome * running,
-            by_plan=result.by_plan & running,
-            illegal=result.illegal & running,
-        )
 
     @staticmethod
     def _infos(result: Step, task: Any) -> dict[str, Any]:

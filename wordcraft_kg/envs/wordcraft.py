@@ -17,12 +17,15 @@ from numpy.typing import NDArray
 from wordcraft_kg.base import ActionError, ConfigError, EpisodeError, whole
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine, empty_slot
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.envs.world_config import METADATA, check_mode
+from wordcraft_kg.envs.world_config import (
+    METADATA,
+    Info,
+    Observation as Observation,
+    check_mode,
+)
 from wordcraft_kg.graphs import GraphLike, Ids
 from wordcraft_kg.graphs.tasks import CraftingTask
 
-Observation = dict[str, Any]
-Info = dict[str, Any]
 _DRAWN_AT_ONCE = 1_024  # uniform numbers taken from the generator in one call
 
 

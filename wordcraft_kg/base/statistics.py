@@ -296,10 +296,9 @@ def paired_difference(
     Source: Efron and Tibshirani 1993, "An introduction to the bootstrap", chapter 13.
     """
     rng = np.random.default_rng(seed)
-    a = finite("x", x)
-    b = finite("y", y)
-    are_tables = a.ndim == 2 and b.ndim == 2
-    if not are_tables or len(a) != len(b):
+    a = by_task("x", x, "(tasks, attempts)")
+    b = by_task("y", y, "(tasks, attempts)")
+    if len(a) != len(b):
         raise ConfigError(
             f"x of shape {a.shape} and y of shape {b.shape}: expected (tasks, attempts) of the "
             "same tasks."

@@ -314,8 +314,7 @@ def grouped(labels: Iterable[str], key: Callable[[str], str]) -> list[tuple[str,
     groups: dict[str, list[str]] = {}
     for label in labels:
         groups.setdefault(key(label), []).append(label)
-    several = [group for group in groups.values() if len(group) > 1]
-    return [tuple(group) for group in several]
+    return [tuple(group) for group in groups.values() if len(group) > 1]
 
 
 def means_another(label: str, other: str) -> bool:

@@ -182,9 +182,9 @@ class State(NamedTuple):
                     f"this is the state of another engine: '{name}' should have shape {expected}."
                 )
         array = self.engine.arrays.array
-        copies: dict[str, Any] = {}
-        for name in _SAVED:
-            copies[name] = array(np.array(saved[name], dtype=np.int64))
+        copies: dict[str, Any] = {
+            name: array(np.array(saved[name], dtype=np.int64)) for name in _SAVED
+        }
         # Episodes drawn ahead are drawn again: they depend only on seed, environment and episode.
         ahead = Ahead(self.ahead.draws, self.keys, copies["episode"])
         return self._replace(
@@ -196,18 +196,6 @@ class State(NamedTuple):
 
 _GOAL = State._fields.index("goal")
 _SAVED: tuple[str, ...] = State._fields[_GOAL:]  # fields before follow from engine and seed
-
-
-class _Begun(NamedTuple):
-    """The first states of R episodes: the fields of :class:`State` from ``goal`` to ``tried``."""
-
-    goal: Array
-    task: Array
-    selection: Array
-    attempts_left: Array
-    wide: Array
-    count: Array  # type: ignore[assignment] # hides the method of tuples
-    tried: Array
 
 
 class _Picked(NamedTuple):
@@ -445,8 +433,11 @@ class BatchEngine:
     def _keys(self, seed: int) -> Array:
         return self._draws.env_keys(seed, self.first_env, self.num_envs)
 
-    def _begun(self, tables: Array, tasks: Array) -> _Begun:
-        """Return the first states of R episodes, from tables (R, at most num_slots) and tasks."""
+    def _begun(self, tables: Array, tasks: Array) -> tuple[Array, ...]:
+        """Return the first states of R episodes, from tables (R, at most num_slots) and tasks.
+
+        These are the fields of :class:`State` from ``goal`` to ``tried``, in order.
+        """
         full = self.arrays.full
         size = (len(tables),)
         wide = full((len(tables), self.world.num_entity_slots + 1), self.nothing)
@@ -457,15 +448,10 @@ class BatchEngine:
         if len(rows):
             count[rows] = (tables[rows] != self.nothing).sum(1)
         picks = (self._most_picks,)
-        return _Begun(
-            goal=self._goals[tasks],
-            task=tasks,
-            selection=full(size + picks if self.world.has_combine else size, self.nothing),
-            attempts_left=full(size, self.config.attempts),
-            wide=wide,
-            count=count,
-            tried=full((*size, self.config.attempts, *picks), self.nothing),
-        )
+        selection = full(size + picks if self.world.has_combine else size, self.nothing)
+        attempts_left = full(size, self.config.attempts)
+        tried = full((*size, self.config.attempts, *picks), self.nothing)
+        return self._goals[tasks], tasks, selection, attempts_left, wide, count, tried
 
     def begin_where(
         self,
@@ -502,7 +488,7 @@ class BatchEngine:
             merged_array = old.copy() if old is was else old
             merged_array[rows] = new
             merged.append(merged_array)
-        return State(self, state.keys, state.ahead, state.age, *_Begun._make(merged), episode)
+        return State(self, state.keys, state.ahead, state.age, *merged, episode)
 
     def _begin_where_on_device(self, state: State, over: Array) -> State:
         """Write every environment, with the old state or the next episode, to read no count."""
@@ -520,7 +506,7 @@ class BatchEngine:
             # device knows, so all are drawn again.
             ahead = Ahead(self._draws, state.keys, episode)
             age = 0
-        return State(self, state.keys, ahead, age, *_Begun._make(merged), episode)
+        return State(self, state.keys, ahead, age, *merged, episode)
 
     # --- steps ------------------------------------------------------------------------------------
 

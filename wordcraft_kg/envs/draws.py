@@ -154,10 +154,8 @@ class Draws:
                 :meth:`World.check_tries`.
         """
         size = len(keys) if self.arrays.on_device else _CHUNK
-        pieces = []
-        for i in range(0, len(keys), size):
-            chunk = slice(i, i + size)
-            pieces.append(self._tables(keys[chunk], tasks[chunk]))
+        chunks = [slice(first, first + size) for first in range(0, len(keys), size)]
+        pieces = [self._tables(keys[chunk], tasks[chunk]) for chunk in chunks]
         return self.arrays.xp.concatenate(pieces)
 
     def _tables(self, keys: Array, tasks: Array) -> Array:

@@ -261,18 +261,13 @@ def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None
     with locked(out.parent, "used") if in_run else nullcontext():
         if in_run:
             drop_temporary(out.parent)
-        _write(report, out, force=force)
-
-
-def _write(report: Report[Any], out: Path, *, force: bool) -> None:
-    # All or nothing: readers see the old report until the new one is complete.
-    with staged_folder(out, force=force) as folder:
-        # Checked first: a number out of bounds stops the report before the page shows it.
-        write_atomically(folder / "report.json", dump_json(checked_values(report.view)))
-        write_atomically(folder / "index.html", render(report))
-        for name, table in report.tables.items():
-            write_atomically(
-                folder / name, table.to_csv(index=False, lineterminator="\n", float_format="%.6g")
-            )
-        for name, content in report.files.items():
-            write_atomically(folder / name, content)
+        # All or nothing: readers see the old report until the new one is complete.
+        with staged_folder(out, force=force) as folder:
+            # Checked first: a number out of bounds stops the report before the page shows it.
+            write_atomically(folder / "report.json", dump_json(checked_values(report.view)))
+            write_atomically(folder / "index.html", render(report))
+            for name, table in report.tables.items():
+                text = table.to_csv(index=False, lineterminator="\n", float_format="%.6g")
+                write_atomically(folder / name, text)
+            for name, content in report.files.items():
+                write_atomically(folder / name, content)

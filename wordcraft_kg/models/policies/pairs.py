@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.models.policies.attention import Phases, phases_of
+from wordcraft_kg.models.policies.networks import Phases, phases_of
 from wordcraft_kg.models.policies.policy import (
     SPEED,
     EntityVectors,

@@ -162,9 +162,7 @@ class PolicyConfig:
         """
         kind = self.policy or policy
         sees = sees_attempts if self.sees_attempts is None else self.sees_attempts
-        scale = self.scale
-        if scale is None:
-            scale = "none" if sees and has_scorer else "ranks"
+        scale = self.scale or ("none" if sees and has_scorer else "ranks")
         form = self.mixing or ("residual" if kind == "pairs" else mixing)
         if kind not in BUILT_IN_POLICIES:
             # A plugin's network has one form, whatever a study sets for all its variants.

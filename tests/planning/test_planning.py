@@ -225,7 +225,7 @@ def test_a_search_that_does_not_fit_into_memory_says_what_it_would_take():
     with pytest.raises(
         ConfigError, match=r"`plan_width` 1,000,000: candidate plans would take [\d,.]+ GiB"
     ):
-        next(search._chunks(torch.arange(3), 4, 5))
+        next(search._searches(torch.full((3,), 4), 5))
 
 
 def test_the_curve_fits_known_probabilities():

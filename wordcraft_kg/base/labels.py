@@ -10,6 +10,7 @@ import unicodedata
 from collections import defaultdict
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
+from itertools import chain
 
 from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.base.settings import nearest
@@ -240,7 +241,6 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
     if len(text) > _MOST_WRITTEN:
         size = f"{len(text):,} characters"
         raise ActionError(f"the answer has {size}: {expected}, in a short line.")
-    unread: list[str] = []
     bare = _without_marks(text)
     # The text as it is comes first: a label may begin with a verb, or hold an arrow.
     without_result = _MADE.sub("", text)
@@ -248,7 +248,7 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
     without_both = _VERB.sub("", _MADE.sub("", bare))
     readings = (text, without_result, without_verb, without_both)
     for reading in dict.fromkeys(readings):
-        pairs = _pairs_in(reading, labels, unread)
+        pairs = _pairs_in(reading, labels)
         distinct = {tuple(sorted(pair)) for pair in pairs}
         if len(distinct) > 1:
             as_texts = [f"{labels[first]} + {labels[second]}" for first, second in pairs]
@@ -258,8 +258,9 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
             )
         if pairs:
             return pairs[0]
-    if unread:
-        read_label(unread[0], labels)  # raises the error for that half
+    for reading in readings:
+        for half in chain.from_iterable(_halves(reading, labels)):
+            read_label(half, labels)  # raises the error for the first half that names no item
     spelling = repr(_shown(text))
     raise ActionError(f"cannot parse {spelling}: {expected}.")
 
@@ -334,15 +335,11 @@ def _printed(text: str, index: LabelIndex) -> list[int]:
     return index.places(label) if is_count else []
 
 
-def _pairs_in(text: str, labels: Sequence[str], unread: list[str]) -> list[tuple[int, int]]:
-    """Return the distinct pairs; halves that name no single label join ``unread``."""
+def _pairs_in(text: str, labels: Sequence[str]) -> list[tuple[int, int]]:
+    """Return the distinct pairs that a text can name."""
     pairs: dict[tuple[int, int], None] = {}
     for halves in _halves(text, labels):
         first, second = (_meant(half, labels) for half in halves)
-        if len(first) != 1:
-            unread.append(halves[0])
-        if len(second) != 1:
-            unread.append(halves[1])
         if len(first) == 1 and len(second) == 1:
             pairs[first[0], second[0]] = None
     return list(pairs)

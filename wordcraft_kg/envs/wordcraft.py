@@ -186,7 +186,6 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         start = np.full((1, 1), self._nothing)
         self._batch = self.engine.pose(np.zeros(1, dtype=np.int64), tables=start)
         self._outcome = "not_begun"
-        self._state: EnvState | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -220,7 +219,6 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             self._shuffle(table)
         self._batch = self.engine.posed(self._batch, np.array([task]), np.array([table]))
         self._outcome = "in_progress"
-        self._state = None
         return self._batch.observed(0), self._info(illegal=False, by_plan=False)
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, Info]:
@@ -242,7 +240,6 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         slot = self._checked_action(action)
         self._batch, result = self.engine.step_env(self._batch, self._actions[slot])
         self._outcome = OUTCOMES[result.outcome[0]]
-        self._state = None
         return (
             self._batch.observed(0),
             float(result.reward[0]),
@@ -270,18 +267,15 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         """The state of the episode."""
         if self._outcome == "not_begun":
             return EnvState(-1, self._nothing, [], (), 0, self._outcome)
-        # Kept until the next action, since games in words read it several times.
-        if self._state is None:
-            batch = self._batch
-            self._state = EnvState(
-                int(batch.task[0]),
-                int(batch.goal[0]),
-                batch.wide[0, : batch.count[0]].tolist(),
-                tuple(self.world.without_nothing(np.atleast_1d(batch.selection[0]).tolist())),
-                int(batch.attempts_left[0]),
-                self._outcome,
-            )
-        return self._state
+        batch = self._batch
+        return EnvState(
+            int(batch.task[0]),
+            int(batch.goal[0]),
+            batch.wide[0, : batch.count[0]].tolist(),
+            tuple(self.world.without_nothing(np.atleast_1d(batch.selection[0]).tolist())),
+            int(batch.attempts_left[0]),
+            self._outcome,
+        )
 
     @property
     def task(self) -> CraftingTask:

@@ -288,10 +288,6 @@ class BestRecipe(FoldedSource):
         knowledge = RecipeKnowledge(tensors, num_entities, cls.num_stored(constants))
         return cls(num_entities, knowledge, constants.get("fold_of_recipe"))
 
-    @classmethod
-    def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited
-        return 0  # no table of pairs
-
     def scores_of_pairs(self, states: States) -> Tensor:  # noqa: D102 - inherited
         models, counts = self.counted_models(states)
         return self._kept_pair_scores(states, models).masked_fill(~counts[:, None, None], 0)

@@ -270,20 +270,15 @@ def output_target(out: Path, setting: str = "out") -> Path:
     """
     _refuse_special(out, setting)
     for path in (out, *out.parents):
-        _refuse_lost_link(path, setting)
+        if path.is_symlink() and not os.path.exists(path):
+            target = os.path.realpath(path)
+            fault = f"to '{target}', which does not exist"
+            if os.path.islink(target):
+                fault = "in a loop of links"
+            raise OutputExistsError(
+                f"'{path}' is a link {fault}. Remove the link, or choose another `{setting}`."
+            )
     return Path(os.path.realpath(out)) if out.is_symlink() else out
-
-
-def _refuse_lost_link(path: Path, setting: str) -> None:
-    """Raise OutputExistsError for a link that leads nowhere: nothing can be written there."""
-    if path.is_symlink() and not os.path.exists(path):
-        target = os.path.realpath(path)
-        fault = f"to '{target}', which does not exist"
-        if os.path.islink(target):
-            fault = "in a loop of links"
-        raise OutputExistsError(
-            f"'{path}' is a link {fault}. Remove the link, or choose another `{setting}`."
-        )
 
 
 def _refuse_special(path: Path, setting: str = "out") -> None:

@@ -571,7 +571,9 @@ class BatchEngine:
         pick = self._pick_sets if self.world.has_combine else self._pick_pairs
         picked = pick(state, actions, entities, running)
         if self.config.illegal_action == "raise" and bool(picked.illegal.any()):
-            raise self._illegal(state, actions, picked.illegal)
+            env = int(picked.illegal.nonzero()[0][0])
+            action = f"action {int(actions[env])} of environment {env}"
+            raise empty_slot(action, int(state.count[env]) - 1)
         attempts_left = state.attempts_left - cast(picked.ends_attempt & running, "int64")
         results = self._results(state, picked.pair, running, is_replaced=is_replaced)
         over = running & (results.made_goal | (attempts_left == 0))
@@ -781,17 +783,6 @@ class BatchEngine:
                 f"expected 0 to {self.num_slots - 1}."
             )
         return actions
-
-    def _illegal(
-        self,
-        state: State,
-        actions: Array,
-        illegal: Array,
-    ) -> ActionError:
-        env = int(illegal.nonzero()[0][0])
-        return empty_slot(
-            f"action {int(actions[env])} of environment {env}", int(state.count[env]) - 1
-        )
 
 
 def empty_slot(action: str, last: int) -> ActionError:

@@ -26,7 +26,7 @@ from wordcraft_kg.evaluation.agents import AgentsView, by_success
 from wordcraft_kg.evaluation.scores import BECAUSE, main_support, strength
 from wordcraft_kg.models.policies.sources import ALPHA, Label, label_of, source_names
 from wordcraft_kg.reports import charts
-from wordcraft_kg.reports.charts import element, titled
+from wordcraft_kg.reports.charts import element
 from wordcraft_kg.reports.pages import Report
 
 METRICS: dict[TrainingMetric, str] = {
@@ -147,7 +147,7 @@ def contribution_bar(
             start = last_left
         term = element(
             "rect",
-            titled(f"{name}: {value:.2f}"),
+            element("title", f"{name}: {value:.2f}"),
             x=f"{start:.1f}",
             y=1,
             width=f"{width:.1f}",

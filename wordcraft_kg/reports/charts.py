@@ -92,11 +92,6 @@ def element(name: str, /, *inside: object, **attributes: object) -> Markup:
     return Markup(f"{opening}>{content}</{name}>")
 
 
-def titled(title: str) -> Markup:
-    """Return a tooltip, the element ``title``; nothing for an empty title."""
-    return element("title", title) if title else Markup()
-
-
 def shortened(text: str, letters: int) -> str:
     """Shorten a text to a number of letters, with an ellipsis."""
     if len(text) <= letters:

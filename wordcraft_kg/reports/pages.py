@@ -70,18 +70,6 @@ for _topic, _terms in _TERMS.items():
         GLOSSARY[_key] = Term(_topic, *_words)
 
 
-def find_term(key: str) -> Term:
-    """Return the term for a key: a glossary entry or a registered score source.
-
-    Raises:
-        KeyError: if the key is unknown.
-    """
-    if key in GLOSSARY:
-        return GLOSSARY[key]
-    # Sources of other packages may be registered after this module was imported.
-    return _term(label_of(key))
-
-
 class Outline:
     """The section headings and glossary terms of a page, collected while the page is rendered.
 
@@ -111,10 +99,15 @@ class Outline:
     def term(self, key: str, text: str | None = None) -> Markup:
         """Record a glossary term; return its name or ``text``, with the meaning as a tooltip.
 
+        Args:
+            key: a glossary entry, or the name of a registered score source.
+            text: text instead of the term's name.
+
         Raises:
             KeyError: if the term is unknown.
         """
-        term = find_term(key)
+        # Sources of other packages may be registered after this module was imported.
+        term = GLOSSARY.get(key) or _term(label_of(key))
         self.terms[key] = term
         name = f"{term.name} ({term.symbol})" if term.symbol else term.name
         shown = text or name

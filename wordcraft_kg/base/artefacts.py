@@ -18,10 +18,10 @@ import io
 import json
 import lzma
 import os
+import secrets
 import shutil
 import stat
 import struct
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator
@@ -313,24 +313,27 @@ def write_atomically(
     """
     if not path.is_symlink():
         _refuse_special(path)
-    # In the same folder: a rename is atomic only within a file system.
-    descriptor, temporary = tempfile.mkstemp(
-        dir=path.parent, prefix=f".{path.name}.", suffix=TEMPORARY
-    )
+    temporary = _beside(path)
     try:
         parts = [content] if isinstance(content, str | bytes) else content
-        with os.fdopen(descriptor, "wb") as file:
+        with temporary.open("xb") as file:
             for part in parts:
                 file.write(part if isinstance(part, bytes) else part.encode())
             if durable:
                 file.flush()
                 os.fsync(file.fileno())
-        # mkstemp makes private files; outputs have the usual permissions of new files.
-        os.chmod(temporary, 0o666 & ~_umask())
         os.replace(temporary, path)
     except BaseException:
-        Path(temporary).unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise
+
+
+def _beside(path: Path) -> Path:
+    """Return a new name for a temporary file or folder that will take the place of ``path``.
+
+    It is in the same folder, because a rename is atomic only within a file system.
+    """
+    return path.with_name(f".{path.name}.{secrets.token_hex(4)}{TEMPORARY}")
 
 
 def has_only_temporary(folder: Path) -> bool:
@@ -390,7 +393,6 @@ def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
     check_output(out, force=force)
     target = output_target(out)
     with _staging(target) as staging:
-        os.chmod(staging, 0o777 & ~_umask())
         yield staging
         _replace_folder(staging, target, force=force)
 
@@ -453,7 +455,8 @@ def made_folder(folder: Path) -> Iterator[None]:
 def _staging(out: Path) -> Iterator[Path]:
     """Make the parents of ``out`` and a temporary folder beside it."""
     with made_folder(out.parent):
-        staging = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}.", suffix=TEMPORARY))
+        staging = _beside(out)
+        staging.mkdir()
         try:
             yield staging
         finally:
@@ -471,8 +474,8 @@ def _replace_folder(staging: Path, out: Path, *, force: bool) -> None:
     aside: Path | None = None
     # A rename does not replace a folder with content, so the old folder is moved aside first.
     if force and out.exists():
-        aside = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}.old.", suffix=TEMPORARY))
-        os.rename(out, aside / "was")
+        aside = _beside(out)
+        os.rename(out, aside)
     try:
         os.rename(staging, out)
     except BaseException as error:
@@ -480,7 +483,7 @@ def _replace_folder(staging: Path, out: Path, *, force: bool) -> None:
         if is_taken:
             raise _written_meanwhile(out) from None
         if aside is not None:
-            os.rename(aside / "was", out)
+            os.rename(aside, out)
         raise
     finally:
         if aside is not None:
@@ -510,13 +513,6 @@ def _written_meanwhile(out: Path) -> OutputExistsError:
         f"another process has written '{out}' meanwhile, and nothing of this one was kept. Choose "
         "another `out`, or replace it with `force`."
     )
-
-
-def _umask() -> int:
-    # The mask can only be read by setting another one.
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 MakeError = Callable[[str], WordCraftKGError]

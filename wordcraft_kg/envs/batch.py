@@ -355,7 +355,7 @@ class BatchEngine:
         ahead = Ahead(self._draws, keys, episode)
         begun = self._begun(*ahead.take(self.rows, episode))
         # The cache has already given its first episode, hence age 1.
-        return State(self, keys, ahead, 1, *begun, episode + 1)
+        return State._make((self, keys, ahead, 1, *begun, episode + 1))
 
     def reseed(
         self,
@@ -417,7 +417,7 @@ class BatchEngine:
             tables = self._draws.tables(self._draws.keys(keys, number), tasks)
         begun = self._begun(tables, tasks)
         following = number + 1
-        return State(self, keys, Ahead(self._draws, keys, following), 0, *begun, following)
+        return State._make((self, keys, Ahead(self._draws, keys, following), 0, *begun, following))
 
     def posed(self, state: State, tasks: Array, tables: Array) -> State:
         """Begin given episodes in all environments of a state, whose later episodes stay.
@@ -428,7 +428,7 @@ class BatchEngine:
             tables: shape (N, at most num_slots): ids in slot order, padded with nothing.
         """
         begun = self._begun(tables, tasks)
-        return State(self, state.keys, state.ahead, state.age, *begun, state.episode)
+        return State._make((self, state.keys, state.ahead, state.age, *begun, state.episode))
 
     def _keys(self, seed: int) -> Array:
         return self._draws.env_keys(seed, self.first_env, self.num_envs)
@@ -479,7 +479,7 @@ class BatchEngine:
         begun = self._begun(*state.ahead.take(rows, state.episode[rows]))
         episode = state.episode + over
         if len(rows) == self.num_envs:
-            return State(self, state.keys, state.ahead, state.age, *begun, episode)
+            return State._make((self, state.keys, state.ahead, state.age, *begun, episode))
         current: Any = state[_GOAL:-1]
         earlier: Any = (state_before or state)[_GOAL:-1]
         merged = []
@@ -488,7 +488,7 @@ class BatchEngine:
             merged_array = old.copy() if old is was else old
             merged_array[rows] = new
             merged.append(merged_array)
-        return State(self, state.keys, state.ahead, state.age, *merged, episode)
+        return State._make((self, state.keys, state.ahead, state.age, *merged, episode))
 
     def _begin_where_on_device(self, state: State, over: Array) -> State:
         """Write every environment, with the old state or the next episode, to read no count."""
@@ -506,7 +506,7 @@ class BatchEngine:
             # device knows, so all are drawn again.
             ahead = Ahead(self._draws, state.keys, episode)
             age = 0
-        return State(self, state.keys, ahead, age, *merged, episode)
+        return State._make((self, state.keys, ahead, age, *merged, episode))
 
     # --- steps ------------------------------------------------------------------------------------
 

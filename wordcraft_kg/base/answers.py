@@ -403,9 +403,8 @@ def _in_sentence(line: str, labels: Sequence[str]) -> list[Pair]:
     Raises:
         ActionError: if there are several pairs, or the sentence may not mean its pair.
     """
-    marked = list(_marked(line))
     pairs = []
-    for text in marked or [line]:
+    for text in _marked(line) or [line]:
         bare = _without_latex(text)
         try:
             pairs.append(read_pair(bare, labels))
@@ -414,18 +413,15 @@ def _in_sentence(line: str, labels: Sequence[str]) -> list[Pair]:
     return pairs
 
 
-def _marked(text: str) -> Iterator[str]:
-    """Yield the texts that are marked as the answer, in boxes or calls, or by the last marker."""
-    enclosed = [*_boxed(text)]
-    for call in _CALL.finditer(text):
-        enclosed.append(_PARAMETER.sub("", call[1]))
-    if enclosed:
-        yield from enclosed
-        return
+def _marked(text: str) -> list[str]:
+    """Return the texts that are marked as the answer, in boxes or calls, or by the last marker."""
+    calls = [_PARAMETER.sub("", call[1]) for call in _CALL.finditer(text)]
+    enclosed = [*_boxed(text), *calls]
     markers = list(_MARKER.finditer(text))
-    if markers:
-        # The marker takes line breaks with it: the answer may stand in the next line.
-        yield text[markers[-1].end() :][:_LONGEST].partition("\n")[0]
+    if enclosed or not markers:
+        return enclosed
+    # The marker takes line breaks with it: the answer may stand in the next line.
+    return [text[markers[-1].end() :][:_LONGEST].partition("\n")[0]]
 
 
 def _without_latex(text: str) -> str:
@@ -567,8 +563,6 @@ def _items(text: str, index: LabelIndex) -> Iterator[_Item]:
 def _in_last_json(text: str, *, are_sets: bool = False) -> list[str]:
     """Return the pairs, or sets of any size, in a JSON value at the end of a message, as texts."""
     end = text.strip().removesuffix("```").rstrip()[-_LONGEST:]
-    if not end.endswith(("}", "]")):
-        return []
     for place, value in _json_values(end):
         if place == len(end):
             return list(_pairs_in_value(value, are_sets=are_sets))

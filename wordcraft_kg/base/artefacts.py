@@ -243,11 +243,10 @@ def what_is(path: Path) -> str:
         return "does not exist"
     if not path.is_dir():
         return "is a file"
+    with suppress(ArtefactError, LookupError, TypeError):
+        return f"was written by {read_json(path / 'run.json')['kind']}"
     for name, kind in _KINDS.items():
         if (path / name).is_file():
-            if name == "run.json":
-                with suppress(ArtefactError, LookupError, TypeError):
-                    return f"was written by {read_json(path / name)['kind']}"
             return kind
     if not any(path.iterdir()):
         return "is an empty folder"

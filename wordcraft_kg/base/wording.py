@@ -331,10 +331,8 @@ def means_another(label: str, other: str) -> bool:
     if first_key == second_key:
         return False
     has_number = _NUMBER.fullmatch(first_key) or _NUMBER.fullmatch(second_key)
-    if has_number:
-        return True
-    # Only signs at the ends differ.
-    return first_key.strip(SIGNS) == second_key.strip(SIGNS)
+    only_signs_differ = first_key.strip(SIGNS) == second_key.strip(SIGNS)
+    return bool(has_number) or only_signs_differ
 
 
 def signs_of(text: str) -> tuple[str, str]:
@@ -347,14 +345,12 @@ def signs_of(text: str) -> tuple[str, str]:
         >>> signs_of("-7"), signs_of("O2-"), signs_of("- water")
         (('-', ''), ('', '-'), ('', ''))
     """
-    first = _NUMBER_SIGN.match(text)
-    last = _CHARGE.search(text)
-    before = first[0] if first else ""
-    after = last[0] if last else ""
-    # Each minus sign as a hyphen, so that both spellings are the same.
-    before = before.replace("\u2212", "-")
-    after = after.replace("\u2212", "-")
-    return before, after
+    return _signs_in(_NUMBER_SIGN.match(text)), _signs_in(_CHARGE.search(text))
+
+
+def _signs_in(match: re.Match[str] | None) -> str:
+    """Return the matched signs, each minus as a hyphen, so that both spellings are the same."""
+    return match[0].replace("\u2212", "-") if match else ""
 
 
 def words_in(label: str) -> list[str]:

@@ -4,7 +4,7 @@ import base64
 import hashlib
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import cache
@@ -187,7 +187,7 @@ class Report(Generic[V]):
     Attributes:
         view: the report's numbers, for ``report.json``.
         template: file name of the page's template.
-        pictures: pictures by the template's names, some in lists and mappings.
+        pictures: charts by the template's names, some in mappings.
         shown: further values by the template's names.
         tables: further tables by file name.
         files: further files by name, such as pictures.
@@ -204,7 +204,7 @@ class Report(Generic[V]):
     def figures(self) -> "dict[str, Figure]":
         """The charts as figures of Matplotlib, to change them or to save them for a paper.
 
-        A chart in a list or a mapping has the names on the way to it, such as ``slices/layer``.
+        A chart in a mapping has the names on the way to it, such as ``slices/layer``.
 
         Example:
             ``report.figures["success"].savefig("success.pdf")``
@@ -213,16 +213,11 @@ class Report(Generic[V]):
 
 
 def _charts_in(pictures: Any, name: str = "") -> Iterator[tuple[str, Chart]]:
-    """Yield the charts in nested lists and mappings, each with the names on the way to it."""
+    """Yield the charts in nested mappings, each with the names on the way to it."""
     if isinstance(pictures, Chart):
         yield name, pictures
         return
-    inside: Iterable[tuple[object, Any]] = ()
-    if isinstance(pictures, Mapping):
-        inside = pictures.items()
-    elif isinstance(pictures, list | tuple):
-        inside = enumerate(pictures)
-    for key, picture in inside:
+    for key, picture in pictures.items():
         yield from _charts_in(picture, f"{name}/{key}".lstrip("/"))
 
 

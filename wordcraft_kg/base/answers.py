@@ -635,12 +635,11 @@ def _pairs_in_member(name: str, member: Any, *, are_sets: bool = False) -> Itera
                 yield from _pairs_in_value(value, are_sets=are_sets)
             if is_answer and not values:
                 yield member
-    elif is_answer or isinstance(member, _Pairs):
-        yield from _pairs_in_value(member, are_sets=are_sets)
-    elif isinstance(member, list):
+        return
+    if isinstance(member, list) and not (is_answer or isinstance(member, _Pairs)):
         # The calls of a message; other lists of texts, such as the table, are no answers.
-        calls = [call for call in member if isinstance(call, _Pairs)]
-        yield from _pairs_in_value(calls, are_sets=are_sets)
+        member = [call for call in member if isinstance(call, _Pairs)]
+    yield from _pairs_in_value(member, are_sets=are_sets)
 
 
 def _item(value: Any) -> str:

@@ -34,7 +34,6 @@ from wordcraft_kg.models.scorers.scales import (
     sampled_scaling,
     scaled_table,
 )
-from wordcraft_kg.models.scorers.score_limits import SelfEdges
 from wordcraft_kg.models.scorers.set_table import SetTableScorer
 
 # Axis names and types of the buffers, for `check_tensors`; N is E + 1.
@@ -112,19 +111,12 @@ class PairSource(FoldedSource):
             self.register_buffer(name, constants[name])
 
     @classmethod
-    def of_pairs(
-        cls,
-        scorer: TripleScorer,
-        view: ScoreView,
-        *,
-        self_edges: SelfEdges = "keep",
-    ) -> Self:
+    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> Self:
         """Make slot scores from the triples (slot's entity, relation, key entity).
 
         Args:
             scorer: any scorer of triples, cross-fitted or not.
-            view: scale, and the tasks to score by cross-fitted scorers.
-            self_edges: treatment of triples with equal head and tail, instead of the view's.
+            view: scale, treatment of self edges, and the tasks to score by cross-fitted scorers.
 
         Returns:
             the source, with each task's model chosen if the view has tasks.
@@ -136,7 +128,9 @@ class PairSource(FoldedSource):
             ConfigError: for an unknown scale or treatment of self edges, or if ``view.observed`` is
                 missing.
         """
-        view = replace(view, self_edges=self_edges)
+        # The setting `self_edges` is about combinesWith alone; else all scores are kept.
+        if cls.relation != COMBINES_WITH:
+            view = replace(view, self_edges="keep")
         # A train task is scored by the model without its recipe's fold, never in-sample. Without
         # tasks there is nothing to choose by, and the model of all folds is enough.
         by_model = [
@@ -246,12 +240,6 @@ class CombinesWith(PairSource):
     label = U
     relation = COMBINES_WITH
 
-    @classmethod
-    def of_scorer(  # noqa: D102 - inherited
-        cls, scorer: TripleScorer, view: ScoreView
-    ) -> "CombinesWith":
-        return cls.of_pairs(scorer, view, self_edges=view.self_edges)
-
     def forward(self, states: States) -> Tensor:  # noqa: D102 - inherited
         return states.mean_over_selection(
             lambda selected: self.with_key(states, selected), self.num_entities
@@ -266,13 +254,6 @@ class ComponentOf(PairSource):
 
     label = V
     relation = COMPONENT_OF
-
-    @classmethod
-    def of_scorer(  # noqa: D102 - inherited
-        cls, scorer: TripleScorer, view: ScoreView
-    ) -> "ComponentOf":
-        # The setting `self_edges` is about combinesWith alone; here all scores are kept.
-        return cls.of_pairs(scorer, view)
 
     def forward(self, states: States) -> Tensor:  # noqa: D102 - inherited
         return self.with_key(states, states.goal)
@@ -360,9 +341,7 @@ class GoalTable(ComponentOf):
     scores_of: ClassVar[Callable[[tuple[str, ...]], Any]]
 
     @classmethod
-    def of_scorer(  # noqa: D102 - inherited
-        cls, scorer: TripleScorer, view: ScoreView
-    ) -> "GoalTable":
+    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> Self:  # noqa: D102 - inherited
         size = len(scorer.entities)
         rows = cls.scores_of(scorer.entities)
         try:
@@ -379,7 +358,7 @@ class GoalTable(ComponentOf):
         # As scores of componentOf, on the same scale; combinesWith is not read.
         tables = torch.stack([torch.zeros_like(by_entity), by_entity])
         table = TableScorer(tables, scorer.entities, scorer.graph_hash)
-        return cls.of_pairs(table, replace(view, tasks=None, without_tables=False))
+        return super().of_scorer(table, replace(view, tasks=None, without_tables=False))
 
 
 class SetTable(Source):

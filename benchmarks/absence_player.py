@@ -76,7 +76,7 @@ def absence_player(train: World, test: World, num_tables: int, seed: int = 0) ->
         is_asked = known[np.minimum(places, len(known) - 1)] == numbers
         together += np.bincount(places[is_asked], minlength=len(known) + 1)
         np.add.at(alone, (state.goal[full][:, None], seen), 1)
-        state = state.engine.restart(state)
+        state = state.engine.begin_where(state, np.ones(AT_ONCE, dtype=bool))
     one, other = np.triu_indices(width, 1)
     of_goal = alone.sum(1, keepdims=True) / width
     share = alone / np.maximum(of_goal, 1)

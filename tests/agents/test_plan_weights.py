@@ -79,7 +79,7 @@ def test_right_pairs_are_those_that_begin_a_sequence_to_the_goal(train, attempts
 def test_the_planners_weights_choose_the_planners_pairs(plan, train):
     states = states_of(BatchEngine(train, 12).pose(np.arange(12)))
     before = plan(states)
-    model = plan.model_of(states.task)
+    model = plan.model_of(states)
     features = plan.features(states)
     values = plan.search.values(
         states.goal, states.table, model, states.attempts.left, plan._tried(*states[2::2])

@@ -12,7 +12,7 @@ from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_suppo
 from wordcraft_kg import WordCraftConfig, World
 from wordcraft_kg.agents.sb3 import SB3VecEnv
 from wordcraft_kg.base.errors import ActionError, EpisodeError
-from wordcraft_kg.envs.vector import WordCraftVectorEnv
+from wordcraft_kg.envs.wordcraft import WordCraftVectorEnv
 from wordcraft_kg.envs.wrappers import TaskObservation
 
 pytestmark = pytest.mark.interop

@@ -8,7 +8,6 @@ import re
 import shlex
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import pytest
@@ -589,18 +588,19 @@ def test_a_full_disk_is_one_line_and_the_command_goes_on(
     run, refused, home, monkeypatch, command, write, number
 ):
     """A disk that takes no more files is one line and the same command goes on."""
-    make, made = tempfile.mkstemp, []
+    opened, made = Path.open, []
 
-    def fail_late(**options):
-        made.append(options)
-        if len(made) >= write:
-            raise OSError(number, os.strerror(number), "disk")
-        return make(**options)
+    def fail_late(path, mode="r", **options):
+        if mode == "xb":
+            made.append(path)
+            if len(made) >= write:
+                raise OSError(number, os.strerror(number), "disk")
+        return opened(path, mode, **options)
 
     often = in_file("train-agent", batch_size=16, checkpoint_every=160)[1]
     command = (*command.format(often=often).split(), "--out", home / "out", "--quiet")
     with monkeypatch.context() as patch:
-        patch.setattr(tempfile, "mkstemp", fail_late)
+        patch.setattr(Path, "open", fail_late)
         error = refused(*command, says=os.strerror(number))
     assert error.count("\n") == 1
     assert ("Nothing was changed" in error) == (list(home.iterdir()) == [])

@@ -327,11 +327,12 @@ def test_an_interrupted_build_leaves_nothing_half_written(not_built, run, out, m
 
 def test_an_interrupted_swap_brings_the_earlier_folder_back(not_built, monkeypatch):
     """An interrupt while the folders are swapped brings the earlier one back."""
-    rename = os.rename
+    rename, aside = os.rename, []
 
     def interrupt_the_last(source, target):
-        if Path(target).name in ("earlier", "new") and Path(source).name != "was":
+        if Path(target).name in ("earlier", "new") and source not in aside:
             raise KeyboardInterrupt
+        aside.append(target)
         rename(source, target)
 
     monkeypatch.setattr(os, "rename", interrupt_the_last)

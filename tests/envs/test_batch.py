@@ -500,9 +500,10 @@ def test_with_repeat_the_first_episodes_come_again(opened_kitchen, device):
         """Return tasks and tables of the first episodes, in the order of play."""
         state = BatchEngine(world, 30, device=device, repeat=repeat).reset(4)
         episodes = []
+        everywhere = state.engine.arrays.array(np.ones(30, dtype=bool))
         for _ in range(number):
             episodes.append((state.task.tolist(), state.table.tolist()))
-            state = state.engine.restart(state)
+            state = state.engine.begin_where(state, everywhere)
         return episodes
 
     all_new = begun(0, 8)

@@ -11,8 +11,7 @@ from helpers import refuses, split_of, with_other_results
 from wordcraft_kg import RecipeGraph, SplitConfig, WordCraftConfig, World, make_split, open_graph
 from wordcraft_kg.base.errors import ConfigError, TaskError
 from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.envs.vector import WordCraftVectorEnv
-from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.envs.wordcraft import WordCraftEnv, WordCraftVectorEnv
 from wordcraft_kg.graphs import OpenedGraph
 from wordcraft_kg.graphs.splits import groups_of
 

@@ -225,7 +225,7 @@ def test_a_search_that_does_not_fit_into_memory_says_what_it_would_take():
     with pytest.raises(
         ConfigError, match=r"`plan_width` 1,000,000: candidate plans would take [\d,.]+ GiB"
     ):
-        next(search._chunks(torch.arange(3), 4, 5))
+        next(search._searches(torch.full((3,), 4), 5))
 
 
 def test_the_curve_fits_known_probabilities():
@@ -403,12 +403,3 @@ def test_one_ingredient_recipes_are_planned():
     steps = source.search.plan(goal, [start], (0, 0), model=0, attempts_left=3)
     assert [graph.entities[made] for *_, made, _ in steps] == ["plant", "tree", "wood"]
     assert [chance for *_, chance in steps] == [1, 1, 1]
-
-
-def test_a_planner_of_before_is_refused_with_the_reason():
-    source = BestPlan.of_recipes(6, np.array([[0, 1, 4]]))
-    constants = source.state_dict()
-    with pytest.raises(
-        ValueError, match=r"searches again after an attempt.* Train the agent again"
-    ):
-        BestPlan.restored(6, constants | {"curve": constants["curve"][:-2]})

@@ -10,7 +10,7 @@ from markupsafe import Markup, escape
 
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.agent_report import contribution_bar
-from wordcraft_kg.reports.charts import COLOURS, DARK_SERIES, LIGHT_SERIES
+from wordcraft_kg.reports.charts import COLOURS, DARK_SERIES, LIGHT_SERIES, Curve
 
 LABEL = "<b>&\"'$x$</b>\u202e"
 NO_ESTIMATE = (0.0, None, None)
@@ -43,7 +43,8 @@ def straight(end, last=3e6):
 
 def drawn(series, percent=True, **options):
     """Curves without titles."""
-    return charts.curves(series, "", "", "", percent=percent, **options)
+    lines = [Curve(name, points, number) for number, (name, points) in enumerate(series.items())]
+    return charts.curves(lines, "", "", "", percent=percent, **options)
 
 
 def lines_of(axes):
@@ -54,11 +55,13 @@ def lines_of(axes):
 
 CHARTS = {
     "curves": lambda label: charts.curves(
-        {label: [(0, 1.0, 0.5, 2.0), (2, 1.0, None, None)], "_two": [(1, 1, 0, 2)]},
+        [
+            Curve(label, [(0, 1.0, 0.5, 2.0), (2, 1.0, None, None)], 0, is_dashed=True),
+            Curve("_two", [(1, 1, 0, 2)], 1),
+        ],
         label,
         label,
         label,
-        dashed=[label],
     ),
     "dots": lambda label: charts.dots(
         [label, "b"],

@@ -22,7 +22,7 @@ from torch import Tensor
 
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, LeakError
 from wordcraft_kg.base.extras import missing_extra
-from wordcraft_kg.envs.vector import Arrays, WordCraftVectorEnv
+from wordcraft_kg.envs.wordcraft import Arrays, WordCraftVectorEnv
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import TaskNumbers
 from wordcraft_kg.graphs.graph_folder import GraphLike

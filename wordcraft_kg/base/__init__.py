@@ -52,6 +52,7 @@ from wordcraft_kg.base.errors import (
     TaskError as TaskError,
     TrainingError as TrainingError,
     UnknownEntityError as UnknownEntityError,
+    UnknownSettingError as UnknownSettingError,
     WordCraftKGError as WordCraftKGError,
     reason as reason,
 )
@@ -75,6 +76,7 @@ from wordcraft_kg.base.settings import (
     MAX_SIZE as MAX_SIZE,
     MAX_THREADS as MAX_THREADS,
     FeatureSpec as FeatureSpec,
+    check_choices as check_choices,
     check_memory as check_memory,
     cores as cores,
     nearest as nearest,

@@ -347,9 +347,7 @@ def _in_line(line: str, labels: Sequence[str]) -> Pair:
             raise _NoPair(str(error)) from None
         return _same(pairs, labels)
     # `a + b = c, c + d = e` reads as `a + b` if all behind the sign were ignored.
-    mentioned = {joined.pair for joined in _mentions(line, labels).pairs if joined.by_sign}
-    mentioned.add(pair)
-    return _same([pair, *mentioned], labels)
+    return _same([pair, *_mentions(line, labels).by_sign], labels)
 
 
 def _elsewhere(text: str, labels: Sequence[str]) -> Pair | None:
@@ -405,9 +403,8 @@ def _in_sentence(line: str, labels: Sequence[str]) -> list[Pair]:
     Raises:
         ActionError: if there are several pairs, or the sentence may not mean its pair.
     """
-    marked = list(_marked(line))
     pairs = []
-    for text in marked or [line]:
+    for text in _marked(line) or [line]:
         bare = _without_latex(text)
         try:
             pairs.append(read_pair(bare, labels))
@@ -416,18 +413,15 @@ def _in_sentence(line: str, labels: Sequence[str]) -> list[Pair]:
     return pairs
 
 
-def _marked(text: str) -> Iterator[str]:
-    """Yield the texts that are marked as the answer, in boxes or calls, or by the last marker."""
-    enclosed = [*_boxed(text)]
-    for call in _CALL.finditer(text):
-        enclosed.append(_PARAMETER.sub("", call[1]))
-    if enclosed:
-        yield from enclosed
-        return
+def _marked(text: str) -> list[str]:
+    """Return the texts that are marked as the answer, in boxes or calls, or by the last marker."""
+    calls = [_PARAMETER.sub("", call[1]) for call in _CALL.finditer(text)]
+    enclosed = [*_boxed(text), *calls]
     markers = list(_MARKER.finditer(text))
-    if markers:
-        # The marker takes line breaks with it: the answer may stand in the next line.
-        yield text[markers[-1].end() :][:_LONGEST].partition("\n")[0]
+    if enclosed or not markers:
+        return enclosed
+    # The marker takes line breaks with it: the answer may stand in the next line.
+    return [text[markers[-1].end() :][:_LONGEST].partition("\n")[0]]
 
 
 def _without_latex(text: str) -> str:
@@ -462,29 +456,18 @@ class _Item:
 
 
 @dataclass(frozen=True)
-class _Joined:
-    """Two neighbouring items with a joiner between them.
-
-    Attributes:
-        pair: places on the table, in written order.
-        by_sign: whether the joiner is ``+`` or ``&``, not a word or a comma.
-    """
-
-    pair: Pair
-    by_sign: bool
-
-
-@dataclass(frozen=True)
 class _Mentions:
-    """All pairs in a line.
+    """All pairs of neighbouring items in a line with a joiner between them.
 
     Attributes:
-        pairs: the pairs, from left to right.
+        pairs: the pairs, from left to right, as places on the table in written order.
+        by_sign: those of them whose joiner is ``+`` or ``&``, not a word or a comma.
         is_clear: whether there is no negation, alternative or question, and no sign without a known
             item.
     """
 
-    pairs: Sequence[_Joined]
+    pairs: Sequence[Pair]
+    by_sign: Sequence[Pair]
     is_clear: bool
 
 
@@ -497,7 +480,7 @@ def _only_pair(line: str, labels: Sequence[str]) -> list[Pair]:
     mentions = _mentions(line, labels)
     if not mentions.pairs:
         return []
-    pair = _same([joined.pair for joined in mentions.pairs], labels)
+    pair = _same(mentions.pairs, labels)
     if not mentions.is_clear:
         raise ActionError(
             f"the answer mentions {labels[pair[0]]} + {labels[pair[1]]}, but with a negation, a "
@@ -528,15 +511,19 @@ def _mentions(line: str, labels: Sequence[str]) -> _Mentions:
     text = _MADE.sub("", text)
     items = list(_items(text, index_of(tuple(labels))))
     pairs = []
+    by_sign = []
     if not items:
-        return _Mentions([], False)
+        return _Mentions([], [], False)
     gaps = [text[: items[0].start]]  # text that joins no items
     is_clear = not text.rstrip().endswith("?")
     for left, right in pairwise(items):
         between = text[left.end : right.start]
         joiner = _JOINER.fullmatch(between)
         if joiner:
-            pairs.append(_Joined((left.place, right.place), joiner["sign"] is not None))
+            pair = (left.place, right.place)
+            pairs.append(pair)
+            if joiner["sign"]:
+                by_sign.append(pair)
         elif _ALTERNATIVE.fullmatch(between):
             is_clear = False
         else:
@@ -547,7 +534,7 @@ def _mentions(line: str, labels: Sequence[str]) -> _Mentions:
     for item in items:
         before = _LIST_NUMBER.sub("", text[: item.start], count=1)
         is_clear &= not _NUMBER_BEFORE.search(before)  # the number of another item
-    return _Mentions(pairs, is_clear)
+    return _Mentions(pairs, by_sign, is_clear)
 
 
 def _items(text: str, index: LabelIndex) -> Iterator[_Item]:
@@ -576,8 +563,6 @@ def _items(text: str, index: LabelIndex) -> Iterator[_Item]:
 def _in_last_json(text: str, *, are_sets: bool = False) -> list[str]:
     """Return the pairs, or sets of any size, in a JSON value at the end of a message, as texts."""
     end = text.strip().removesuffix("```").rstrip()[-_LONGEST:]
-    if not end.endswith(("}", "]")):
-        return []
     for place, value in _json_values(end):
         if place == len(end):
             return list(_pairs_in_value(value, are_sets=are_sets))
@@ -650,12 +635,11 @@ def _pairs_in_member(name: str, member: Any, *, are_sets: bool = False) -> Itera
                 yield from _pairs_in_value(value, are_sets=are_sets)
             if is_answer and not values:
                 yield member
-    elif is_answer or isinstance(member, _Pairs):
-        yield from _pairs_in_value(member, are_sets=are_sets)
-    elif isinstance(member, list):
+        return
+    if isinstance(member, list) and not (is_answer or isinstance(member, _Pairs)):
         # The calls of a message; other lists of texts, such as the table, are no answers.
-        calls = [call for call in member if isinstance(call, _Pairs)]
-        yield from _pairs_in_value(calls, are_sets=are_sets)
+        member = [call for call in member if isinstance(call, _Pairs)]
+    yield from _pairs_in_value(member, are_sets=are_sets)
 
 
 def _item(value: Any) -> str:

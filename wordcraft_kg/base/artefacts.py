@@ -18,10 +18,10 @@ import io
 import json
 import lzma
 import os
+import secrets
 import shutil
 import stat
 import struct
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator
@@ -243,11 +243,10 @@ def what_is(path: Path) -> str:
         return "does not exist"
     if not path.is_dir():
         return "is a file"
+    with suppress(ArtefactError, LookupError, TypeError):
+        return f"was written by {read_json(path / 'run.json')['kind']}"
     for name, kind in _KINDS.items():
         if (path / name).is_file():
-            if name == "run.json":
-                with suppress(ArtefactError, LookupError, TypeError):
-                    return f"was written by {read_json(path / name)['kind']}"
             return kind
     if not any(path.iterdir()):
         return "is an empty folder"
@@ -270,25 +269,15 @@ def output_target(out: Path, setting: str = "out") -> Path:
     """
     _refuse_special(out, setting)
     for path in (out, *out.parents):
-        _refuse_lost_link(path, setting)
+        if path.is_symlink() and not os.path.exists(path):
+            target = os.path.realpath(path)
+            fault = f"to '{target}', which does not exist"
+            if os.path.islink(target):
+                fault = "in a loop of links"
+            raise OutputExistsError(
+                f"'{path}' is a link {fault}. Remove the link, or choose another `{setting}`."
+            )
     return Path(os.path.realpath(out)) if out.is_symlink() else out
-
-
-def _refuse_lost_link(path: Path, setting: str) -> None:
-    """Raise OutputExistsError for a link that leads nowhere: nothing can be written there."""
-    if not path.is_symlink():
-        return
-    target = Path(os.path.realpath(path))
-    if not os.path.lexists(target):
-        raise OutputExistsError(
-            f"'{path}' is a link to '{target}', which does not exist. Remove the link, or choose "
-            f"another `{setting}`."
-        )
-    if target.is_symlink():
-        raise OutputExistsError(
-            f"'{path}' is a link in a loop of links. Remove the link, or choose another "
-            f"`{setting}`."
-        )
 
 
 def _refuse_special(path: Path, setting: str = "out") -> None:
@@ -323,26 +312,27 @@ def write_atomically(
     """
     if not path.is_symlink():
         _refuse_special(path)
-    # In the same folder: a rename is atomic only within a file system.
-    descriptor, temporary = tempfile.mkstemp(
-        dir=path.parent, prefix=f".{path.name}.", suffix=TEMPORARY
-    )
+    temporary = _beside(path)
     try:
-        if isinstance(content, bytes):
-            with os.fdopen(descriptor, "wb") as binary:
-                binary.write(content)
-        else:
-            with os.fdopen(descriptor, "w", encoding="utf-8", newline="") as text:
-                text.writelines([content] if isinstance(content, str) else content)
-        if durable:
-            with open(temporary, "rb+") as file:
+        parts = [content] if isinstance(content, str | bytes) else content
+        with temporary.open("xb") as file:
+            for part in parts:
+                file.write(part if isinstance(part, bytes) else part.encode())
+            if durable:
+                file.flush()
                 os.fsync(file.fileno())
-        # mkstemp makes private files; outputs have the usual permissions of new files.
-        os.chmod(temporary, 0o666 & ~_umask())
         os.replace(temporary, path)
     except BaseException:
-        Path(temporary).unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise
+
+
+def _beside(path: Path) -> Path:
+    """Return a new name for a temporary file or folder that will take the place of ``path``.
+
+    It is in the same folder, because a rename is atomic only within a file system.
+    """
+    return path.with_name(f".{path.name}.{secrets.token_hex(4)}{TEMPORARY}")
 
 
 def has_only_temporary(folder: Path) -> bool:
@@ -402,7 +392,6 @@ def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
     check_output(out, force=force)
     target = output_target(out)
     with _staging(target) as staging:
-        os.chmod(staging, 0o777 & ~_umask())
         yield staging
         _replace_folder(staging, target, force=force)
 
@@ -465,7 +454,8 @@ def made_folder(folder: Path) -> Iterator[None]:
 def _staging(out: Path) -> Iterator[Path]:
     """Make the parents of ``out`` and a temporary folder beside it."""
     with made_folder(out.parent):
-        staging = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}.", suffix=TEMPORARY))
+        staging = _beside(out)
+        staging.mkdir()
         try:
             yield staging
         finally:
@@ -483,8 +473,8 @@ def _replace_folder(staging: Path, out: Path, *, force: bool) -> None:
     aside: Path | None = None
     # A rename does not replace a folder with content, so the old folder is moved aside first.
     if force and out.exists():
-        aside = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}.old.", suffix=TEMPORARY))
-        os.rename(out, aside / "was")
+        aside = _beside(out)
+        os.rename(out, aside)
     try:
         os.rename(staging, out)
     except BaseException as error:
@@ -492,7 +482,7 @@ def _replace_folder(staging: Path, out: Path, *, force: bool) -> None:
         if is_taken:
             raise _written_meanwhile(out) from None
         if aside is not None:
-            os.rename(aside / "was", out)
+            os.rename(aside, out)
         raise
     finally:
         if aside is not None:
@@ -522,13 +512,6 @@ def _written_meanwhile(out: Path) -> OutputExistsError:
         f"another process has written '{out}' meanwhile, and nothing of this one was kept. Choose "
         "another `out`, or replace it with `force`."
     )
-
-
-def _umask() -> int:
-    # The mask can only be read by setting another one.
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 MakeError = Callable[[str], WordCraftKGError]

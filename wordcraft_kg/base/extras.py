@@ -110,14 +110,13 @@ def pip_install(*names: str, extra: str = "") -> str:
     needs_torch = "torch" in packages or (
         "pykeen" in packages and unmet().get("torch") == NOT_INSTALLED
     )
-    specifiers = []
-    for name in packages:
-        if name != "torch":
-            # A requirement such as ``name<2; marker`` without its marker.
-            specifiers.append(str(package_requirements.get(name, name)).partition(";")[0].strip())
-    commands = []
-    if needs_torch:
-        commands.append(CPU_TORCH)
+    # Requirements such as ``name<2; marker`` without their markers.
+    specifiers = [
+        str(package_requirements.get(name, name)).partition(";")[0].strip()
+        for name in packages
+        if name != "torch"
+    ]
+    commands = [CPU_TORCH] if needs_torch else []
     if specifiers:
         commands.append(shlex.join(["pip", "install", *specifiers]))
     return " && ".join(commands)

@@ -10,6 +10,7 @@ import unicodedata
 from collections import defaultdict
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
+from itertools import chain
 
 from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.base.settings import nearest
@@ -32,6 +33,8 @@ _LIST_MARK = re.compile(r"^(?:[-*•>#]+\s+)+")
 _TWO_NUMBERS = re.compile(r"[-+]?\d+\s+[-+]?\d+", re.ASCII)
 _NUMBER = re.compile(r"[-+]?\d+(?:[.,]\d+)*", re.ASCII)
 _FRACTION = re.compile(r"\.\d", re.ASCII)
+_ENDINGS = {"y": "ies", "f": "ves", "fe": "ves"}
+"""Endings of the plural by those of the singular."""
 _PLACE = re.compile(r"[1-9]\d{0,8}", re.ASCII)  # as many digits as a table can need
 # An item as prompts print it (`2 orchard`), or as errors do (`orchard (2)`).
 _PRINTED = re.compile(
@@ -85,13 +88,11 @@ def read_label(
         return meant[0]
     text = " ".join(written.split())
     if meant:
-        candidates = [labels[place] for place in meant[:_MOST_CHOICES]]
-        choices = [quoted(label) for label in candidates]
+        shown_places = meant[:_MOST_CHOICES]
+        choices = [quoted(labels[place]) for place in shown_places]
         remedy = "Write more of the name"
         if by_number:
-            from_one = [place + 1 for place in meant[:_MOST_CHOICES]]
-            numbered = zip(choices, from_one, strict=True)
-            choices = [f"{choice} ({number})" for choice, number in numbered]
+            choices = [f"{quoted(labels[place])} ({place + 1})" for place in shown_places]
             remedy += ", or the number"
         shown = listed(choices, _MOST_CHOICES, len(meant))
         raise ActionError(f"'{_shown(text)}' is ambiguous: {shown}. {remedy}.")
@@ -99,9 +100,8 @@ def read_label(
     expected = f"expected {numbers}an item name, or the start of a name"
     if not text:
         raise ActionError(f"no answer: {expected}.")
-    spelling = repr(_shown(text))
     similar = nearest(text[:100].casefold(), labels)
-    raise ActionError(f"unknown item {spelling}: {expected}.{similar}")
+    raise ActionError(f"unknown item {_shown(text)!r}: {expected}.{similar}")
 
 
 class LabelIndex:
@@ -238,9 +238,7 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
     if not text:
         raise ActionError(f"no answer: {expected}.")
     if len(text) > _MOST_WRITTEN:
-        size = f"{len(text):,} characters"
-        raise ActionError(f"the answer has {size}: {expected}, in a short line.")
-    unread: list[str] = []
+        raise ActionError(f"the answer has {len(text):,} characters: {expected}, in a short line.")
     bare = _without_marks(text)
     # The text as it is comes first: a label may begin with a verb, or hold an arrow.
     without_result = _MADE.sub("", text)
@@ -248,20 +246,19 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
     without_both = _VERB.sub("", _MADE.sub("", bare))
     readings = (text, without_result, without_verb, without_both)
     for reading in dict.fromkeys(readings):
-        pairs = _pairs_in(reading, labels, unread)
+        pairs = _pairs_in(reading, labels)
         distinct = {tuple(sorted(pair)) for pair in pairs}
         if len(distinct) > 1:
-            as_texts = [f"{labels[first]} + {labels[second]}" for first, second in pairs]
-            ways = " or ".join(as_texts)
+            ways = " or ".join(f"{labels[first]} + {labels[second]}" for first, second in pairs)
             raise ActionError(
                 f"'{_shown(text)}' is ambiguous: {ways}. Write the numbers, such as '1 2'."
             )
         if pairs:
             return pairs[0]
-    if unread:
-        read_label(unread[0], labels)  # raises the error for that half
-    spelling = repr(_shown(text))
-    raise ActionError(f"cannot parse {spelling}: {expected}.")
+    for reading in readings:
+        for half in chain.from_iterable(_halves(reading, labels)):
+            read_label(half, labels)  # raises the error for the first half that names no item
+    raise ActionError(f"cannot parse {_shown(text)!r}: {expected}.")
 
 
 def last_line(message: str) -> str:
@@ -305,8 +302,7 @@ def places_named(text: str, index: LabelIndex, *, by_number: bool) -> list[int]:
             place = index.place_of(spelling)
             if place is not None:
                 return [place]
-        is_number = by_number and _PLACE.fullmatch(number)
-        is_place = is_number and int(number) <= len(index)
+        is_place = by_number and _PLACE.fullmatch(number) and int(number) <= len(index)
         return [int(number) - 1] if is_place else []
     places = index.places(text)
     if places or not by_number:
@@ -334,15 +330,11 @@ def _printed(text: str, index: LabelIndex) -> list[int]:
     return index.places(label) if is_count else []
 
 
-def _pairs_in(text: str, labels: Sequence[str], unread: list[str]) -> list[tuple[int, int]]:
-    """Return the distinct pairs; halves that name no single label join ``unread``."""
+def _pairs_in(text: str, labels: Sequence[str]) -> list[tuple[int, int]]:
+    """Return the distinct pairs that a text can name."""
     pairs: dict[tuple[int, int], None] = {}
     for halves in _halves(text, labels):
         first, second = (_meant(half, labels) for half in halves)
-        if len(first) != 1:
-            unread.append(halves[0])
-        if len(second) != 1:
-            unread.append(halves[1])
         if len(first) == 1 and len(second) == 1:
             pairs[first[0], second[0]] = None
     return list(pairs)
@@ -355,12 +347,8 @@ def _halves(text: str, labels: Sequence[str]) -> list[tuple[str, str]]:
         # `2 -7` may also be the item `-7` as prompts print it, at place 2.
         is_one_item = bool(_printed(text, index_of(tuple(labels))))
         return [] if is_one_item else [(first, second)]
-    halves = []
-    for separator in _SEPARATOR.finditer(text):
-        before = text[: separator.start()]
-        after = text[separator.end() :]
-        halves.append((before, after))
-    return halves
+    separators = _SEPARATOR.finditer(text)
+    return [(text[: match.start()], text[match.end() :]) for match in separators]
 
 
 @lru_cache(maxsize=1 << 15)
@@ -397,17 +385,12 @@ def _plurals(word: str) -> set[str]:
     """Return the possible plurals of a word, by the regular forms of English."""
     if len(word) < 2:
         return set()
-    forms = {word + "s", word + "es"}
-    if word.endswith("y"):
-        forms.add(word[:-1] + "ies")
-    elif word.endswith("f"):
-        forms.add(word[:-1] + "ves")
-    elif word.endswith("fe"):
-        forms.add(word[:-2] + "ves")
+    forms = {word + plural for plural in ("s", "es")}
+    for singular, plural in _ENDINGS.items():
+        if word.endswith(singular):
+            forms.add(word.removesuffix(singular) + plural)
     return forms
 
 
 def _shown(text: str) -> str:
-    if len(text) <= _MOST_SHOWN:
-        return text
-    return f"{text[:_MOST_SHOWN]}..."
+    return text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."

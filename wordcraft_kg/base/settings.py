@@ -10,10 +10,10 @@ import operator
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from numbers import Real
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.wording import means_another
@@ -251,6 +251,30 @@ def one_of(
     if value not in allowed:
         hint = nearest(value, allowed) if isinstance(value, str) else ""
         raise refuse(name, value, f"one of {', '.join(allowed)}", hint)
+
+
+def check_choices(config: Any) -> None:
+    """Check the fields of a dataclass that are one of several texts, or true or false.
+
+    A text such as "false" from a configuration file would count as true.
+
+    Args:
+        config: settings, whose fields have the types ``Literal[...]`` or ``bool``, perhaps with
+            ``| None``; fields of other types are not checked.
+
+    Raises:
+        ConfigError: if a value is none of them.
+    """
+    for entry in fields(config):
+        value = getattr(config, entry.name, None)  # derived fields have no value yet
+        kinds = (entry.type, *get_args(entry.type))
+        if value is None and type(None) in kinds:
+            continue
+        for kind in kinds:
+            if get_origin(kind) is Literal:
+                one_of(entry.name, value, get_args(kind))
+            elif kind is bool:
+                require(config, entry.name, isinstance(value, bool), "true or false")
 
 
 def nearest(

@@ -296,10 +296,9 @@ def paired_difference(
     Source: Efron and Tibshirani 1993, "An introduction to the bootstrap", chapter 13.
     """
     rng = np.random.default_rng(seed)
-    a = finite("x", x)
-    b = finite("y", y)
-    are_tables = a.ndim == 2 and b.ndim == 2
-    if not are_tables or len(a) != len(b):
+    a = by_task("x", x, "(tasks, attempts)")
+    b = by_task("y", y, "(tasks, attempts)")
+    if len(a) != len(b):
         raise ConfigError(
             f"x of shape {a.shape} and y of shape {b.shape}: expected (tasks, attempts) of the "
             "same tasks."
@@ -642,13 +641,10 @@ def holm(p_values: Sequence[float]) -> list[float]:
     for value in p_values:
         if not 0 <= value <= 1:
             raise ConfigError(f"p-value {value}: expected a number from 0 to 1.")
-    corrected = [0.0] * len(p_values)
-    highest = 0.0
-    ascending = sorted(range(len(p_values)), key=p_values.__getitem__)
-    for rank, place in enumerate(ascending):
-        remaining = len(p_values) - rank
-        multiplied = min(1.0, remaining * p_values[place])
-        # Never below that of a smaller p-value, so that the order of the comparisons stays.
-        highest = max(highest, multiplied)
-        corrected[place] = highest
-    return corrected
+    ascending = np.argsort(p_values, kind="stable")
+    multiplied = np.arange(len(p_values), 0, -1) * np.asarray(p_values)[ascending]
+    corrected = np.empty(len(p_values))
+    # Never below that of a smaller p-value, so that the order of the comparisons stays.
+    corrected[ascending] = np.maximum.accumulate(multiplied.clip(max=1))
+    values: list[float] = corrected.tolist()
+    return values

@@ -12,10 +12,10 @@ themselves are never changed: their keys are compared, and their words looked up
 vectors. Answers in texts are read more leniently, see :mod:`wordcraft_kg.base.labels`.
 """
 
-import math
 import re
 import unicodedata
 from collections.abc import Callable, Iterable, Sequence
+from decimal import Decimal
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
@@ -74,11 +74,8 @@ def approximate(number: int) -> str:
     if number < 10**12:
         return f"{number:,}"
     # Python does not print more than 4,300 digits, and such a number exceeds a float.
-    exponent = math.floor(math.log10(number))
-    leading = round(10 ** (math.log10(number) - exponent), 1)
-    if leading >= 10:  # 9.96 is rounded to 10.0
-        return f"about 1 × 10^{exponent + 1}"
-    return f"about {leading:g} × 10^{exponent}"
+    leading, exponent = f"{Decimal(number):.1e}".split("e+")
+    return f"about {float(leading):g} × 10^{exponent}"
 
 
 _BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
@@ -211,9 +208,10 @@ _LOOKS_LIKE = {
     "y": "\u0443\u03b3\u04af\ua4ec\u13a9\u13bd",
     "z": "\u03b6\ua4dc\u13c3",
 }
-_LATIN: dict[int, str] = {}
-for _letter_shown, _chars in _LOOKS_LIKE.items():
-    _LATIN |= str.maketrans(dict.fromkeys(_chars, _letter_shown))
+_LATIN = str.maketrans(
+    "".join(_LOOKS_LIKE.values()),
+    "".join(letter * len(chars) for letter, chars in _LOOKS_LIKE.items()),
+)
 # Greek capitals like a Latin capital whose small letters look like another letter, or like none.
 _CAPITALS = str.maketrans("\u0397\u039c\u039d\u03a5", "HMNY")
 # Letters with a hook or stroke, and Latin capitals in the size of small letters, in boxes or as the
@@ -317,8 +315,7 @@ def grouped(labels: Iterable[str], key: Callable[[str], str]) -> list[tuple[str,
     groups: dict[str, list[str]] = {}
     for label in labels:
         groups.setdefault(key(label), []).append(label)
-    several = [group for group in groups.values() if len(group) > 1]
-    return [tuple(group) for group in several]
+    return [tuple(group) for group in groups.values() if len(group) > 1]
 
 
 def means_another(label: str, other: str) -> bool:
@@ -335,10 +332,8 @@ def means_another(label: str, other: str) -> bool:
     if first_key == second_key:
         return False
     has_number = _NUMBER.fullmatch(first_key) or _NUMBER.fullmatch(second_key)
-    if has_number:
-        return True
-    # Only signs at the ends differ.
-    return first_key.strip(SIGNS) == second_key.strip(SIGNS)
+    only_signs_differ = first_key.strip(SIGNS) == second_key.strip(SIGNS)
+    return bool(has_number) or only_signs_differ
 
 
 def signs_of(text: str) -> tuple[str, str]:
@@ -351,14 +346,12 @@ def signs_of(text: str) -> tuple[str, str]:
         >>> signs_of("-7"), signs_of("O2-"), signs_of("- water")
         (('-', ''), ('', '-'), ('', ''))
     """
-    first = _NUMBER_SIGN.match(text)
-    last = _CHARGE.search(text)
-    before = first[0] if first else ""
-    after = last[0] if last else ""
-    # Each minus sign as a hyphen, so that both spellings are the same.
-    before = before.replace("\u2212", "-")
-    after = after.replace("\u2212", "-")
-    return before, after
+    return _signs_in(_NUMBER_SIGN.match(text)), _signs_in(_CHARGE.search(text))
+
+
+def _signs_in(match: re.Match[str] | None) -> str:
+    """Return the matched signs, each minus as a hyphen, so that both spellings are the same."""
+    return match[0].replace("\u2212", "-") if match else ""
 
 
 def words_in(label: str) -> list[str]:

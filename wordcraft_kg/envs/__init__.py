@@ -1,14 +1,15 @@
 """Environments: the batched engine, the crafting environment for Gymnasium, the open-ended game.
 
-Read ``wordcraft`` first: its class documents the rules, for one environment. ``batch`` computes
-them for one environment or many, on NumPy or torch by ``arrays``; ``draws`` draws what its episodes
-begin with, and fixes the tables on which all players are compared. A ``World`` (``world``) holds
-the recipe graph, the split into train, valid and test recipes, the settings (``world_config``) and
-the tasks: build one ``World``, and derive other settings with ``world.variant(part="test")``.
-Rewards and results of the part ``train`` come from train recipes alone.
+Read ``wordcraft`` first: its first class documents the rules, for one environment, and its second
+class shows many to Gymnasium. ``batch`` computes them for one environment or many, on NumPy or
+torch by ``arrays``; ``draws`` draws what its episodes begin with, and fixes the tables on which all
+players are compared. A ``World`` (``world``) holds the recipe graph, the split into train, valid
+and test recipes, the settings (``world_config``) and the tasks: build one ``World``, and derive
+other settings with ``world.variant(part="test")``. Rewards and results of the part ``train`` come
+from train recipes alone.
 
-``vector`` shows the engine to Gymnasium, ``open_ended`` is the game without a goal, ``words`` the
-games as text. Observations are ids and masks; ``wrappers`` add scores.
+``open_ended`` is the game without a goal, ``words`` the games as text. Observations are ids and
+masks; ``wrappers`` add scores.
 
 Free to change: how ``batch`` computes, as long as the reference in the tests agrees and its speed
 stays. Not free: what an episode with a given seed, environment and number looks like (``draws``),
@@ -32,7 +33,7 @@ def register() -> None:
     register(
         "WordCraft-v0",
         "wordcraft_kg.envs.wordcraft:WordCraftEnv",
-        vector_entry_point="wordcraft_kg.envs.vector:WordCraftVectorEnv",
+        vector_entry_point="wordcraft_kg.envs.wordcraft:WordCraftVectorEnv",
         kwargs=default,
     )
     register(

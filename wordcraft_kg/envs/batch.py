@@ -182,9 +182,9 @@ class State(NamedTuple):
                     f"this is the state of another engine: '{name}' should have shape {expected}."
                 )
         array = self.engine.arrays.array
-        copies: dict[str, Any] = {}
-        for name in _SAVED:
-            copies[name] = array(np.array(saved[name], dtype=np.int64))
+        copies: dict[str, Any] = {
+            name: array(np.array(saved[name], dtype=np.int64)) for name in _SAVED
+        }
         # Episodes drawn ahead are drawn again: they depend only on seed, environment and episode.
         ahead = Ahead(self.ahead.draws, self.keys, copies["episode"])
         return self._replace(
@@ -196,18 +196,6 @@ class State(NamedTuple):
 
 _GOAL = State._fields.index("goal")
 _SAVED: tuple[str, ...] = State._fields[_GOAL:]  # fields before follow from engine and seed
-
-
-class _Begun(NamedTuple):
-    """The first states of R episodes: the fields of :class:`State` from ``goal`` to ``tried``."""
-
-    goal: Array
-    task: Array
-    selection: Array
-    attempts_left: Array
-    wide: Array
-    count: Array  # type: ignore[assignment] # hides the method of tuples
-    tried: Array
 
 
 class _Picked(NamedTuple):
@@ -362,15 +350,12 @@ class BatchEngine:
             ConfigError: for a negative seed, or if no distractors without a shortcut are found for
                 a task.
         """
-        return self._begin(self._keys(seed), self.arrays.full((self.num_envs,), 0))
-
-    def restart(self, state: State) -> State:
-        """Begin the next episode in every environment.
-
-        Raises:
-            ConfigError: if no distractors without a shortcut are found for a task.
-        """
-        return self._begin(state.keys, state.episode)
+        keys = self._keys(seed)
+        episode = self.arrays.full((self.num_envs,), 0)
+        ahead = Ahead(self._draws, keys, episode)
+        begun = self._begun(*ahead.take(self.rows, episode))
+        # The cache has already given its first episode, hence age 1.
+        return State._make((self, keys, ahead, 1, *begun, episode + 1))
 
     def reseed(
         self,
@@ -432,7 +417,7 @@ class BatchEngine:
             tables = self._draws.tables(self._draws.keys(keys, number), tasks)
         begun = self._begun(tables, tasks)
         following = number + 1
-        return State(self, keys, Ahead(self._draws, keys, following), 0, *begun, following)
+        return State._make((self, keys, Ahead(self._draws, keys, following), 0, *begun, following))
 
     def posed(self, state: State, tasks: Array, tables: Array) -> State:
         """Begin given episodes in all environments of a state, whose later episodes stay.
@@ -443,20 +428,16 @@ class BatchEngine:
             tables: shape (N, at most num_slots): ids in slot order, padded with nothing.
         """
         begun = self._begun(tables, tasks)
-        return State(self, state.keys, state.ahead, state.age, *begun, state.episode)
+        return State._make((self, state.keys, state.ahead, state.age, *begun, state.episode))
 
     def _keys(self, seed: int) -> Array:
         return self._draws.env_keys(seed, self.first_env, self.num_envs)
 
-    def _begin(self, keys: Array, episode: Array) -> State:
-        """Begin the episodes with the given numbers, shape (N,), in all environments."""
-        ahead = Ahead(self._draws, keys, episode)
-        begun = self._begun(*ahead.take(self.rows, episode))
-        # The cache has already given its first episode, hence age 1.
-        return State(self, keys, ahead, 1, *begun, episode + 1)
+    def _begun(self, tables: Array, tasks: Array) -> tuple[Array, ...]:
+        """Return the first states of R episodes, from tables (R, at most num_slots) and tasks.
 
-    def _begun(self, tables: Array, tasks: Array) -> _Begun:
-        """Return the first states of R episodes, from tables (R, at most num_slots) and tasks."""
+        These are the fields of :class:`State` from ``goal`` to ``tried``, in order.
+        """
         full = self.arrays.full
         size = (len(tables),)
         wide = full((len(tables), self.world.num_entity_slots + 1), self.nothing)
@@ -467,15 +448,10 @@ class BatchEngine:
         if len(rows):
             count[rows] = (tables[rows] != self.nothing).sum(1)
         picks = (self._most_picks,)
-        return _Begun(
-            goal=self._goals[tasks],
-            task=tasks,
-            selection=full(size + picks if self.world.has_combine else size, self.nothing),
-            attempts_left=full(size, self.config.attempts),
-            wide=wide,
-            count=count,
-            tried=full((*size, self.config.attempts, *picks), self.nothing),
-        )
+        selection = full(size + picks if self.world.has_combine else size, self.nothing)
+        attempts_left = full(size, self.config.attempts)
+        tried = full((*size, self.config.attempts, *picks), self.nothing)
+        return self._goals[tasks], tasks, selection, attempts_left, wide, count, tried
 
     def begin_where(
         self,
@@ -503,7 +479,7 @@ class BatchEngine:
         begun = self._begun(*state.ahead.take(rows, state.episode[rows]))
         episode = state.episode + over
         if len(rows) == self.num_envs:
-            return State(self, state.keys, state.ahead, state.age, *begun, episode)
+            return State._make((self, state.keys, state.ahead, state.age, *begun, episode))
         current: Any = state[_GOAL:-1]
         earlier: Any = (state_before or state)[_GOAL:-1]
         merged = []
@@ -512,7 +488,7 @@ class BatchEngine:
             merged_array = old.copy() if old is was else old
             merged_array[rows] = new
             merged.append(merged_array)
-        return State(self, state.keys, state.ahead, state.age, *_Begun._make(merged), episode)
+        return State._make((self, state.keys, state.ahead, state.age, *merged, episode))
 
     def _begin_where_on_device(self, state: State, over: Array) -> State:
         """Write every environment, with the old state or the next episode, to read no count."""
@@ -530,7 +506,7 @@ class BatchEngine:
             # device knows, so all are drawn again.
             ahead = Ahead(self._draws, state.keys, episode)
             age = 0
-        return State(self, state.keys, ahead, age, *_Begun._make(merged), episode)
+        return State._make((self, state.keys, ahead, age, *merged, episode))
 
     # --- steps ------------------------------------------------------------------------------------
 
@@ -595,7 +571,9 @@ class BatchEngine:
         pick = self._pick_sets if self.world.has_combine else self._pick_pairs
         picked = pick(state, actions, entities, running)
         if self.config.illegal_action == "raise" and bool(picked.illegal.any()):
-            raise self._illegal(state, actions, picked.illegal)
+            env = int(picked.illegal.nonzero()[0][0])
+            action = f"action {int(actions[env])} of environment {env}"
+            raise empty_slot(action, int(state.count[env]) - 1)
         attempts_left = state.attempts_left - cast(picked.ends_attempt & running, "int64")
         results = self._results(state, picked.pair, running, is_replaced=is_replaced)
         over = running & (results.made_goal | (attempts_left == 0))
@@ -684,19 +662,22 @@ class BatchEngine:
         shaped = None
         if self._is_shaped:
             shaped = self.arrays.full((self.num_envs,), 0, self._reward_dtype)
-        padded_table = state.wide
-        count = state.count
-        attempts = self._combine(state, pair, running)
-        if attempts is not None:
-            rows = attempts.rows
-            final_pairs = self._final_pairs[state.task[rows]]
-            made_goal[rows] = attempts.is_goal
-            is_final = (final_pairs == pair[rows][:, None]).any(1)
-            by_plan[rows] = attempts.is_goal & is_final
-            if not (is_replaced and self._are_all_over(state, attempts)):
-                padded_table, count, news = self._put_on_table(state, attempts)
-                if shaped is not None:
-                    shaped[rows] = self._shaping(state, attempts, news)
+        makes = (pair != self.pairs.no_pair) & running
+        rows = self.arrays.rows(makes)
+        if not len(rows):  # as after most actions
+            return _Results(made_goal, by_plan, state.wide, state.count, shaped)
+        results = self.pairs.results[pair[rows]]
+        is_goal = (results == state.goal[rows][:, None]).any(1) & makes[rows]
+        final_pairs = self._final_pairs[state.task[rows]]
+        is_final = (final_pairs == pair[rows][:, None]).any(1)
+        made_goal[rows] = is_goal
+        by_plan[rows] = is_goal & is_final
+        attempts = _Made(rows, makes[rows], results, is_goal)
+        if is_replaced and self._are_all_over(state, attempts):
+            return _Results(made_goal, by_plan, state.wide, state.count, shaped)
+        padded_table, count, news = self._put_on_table(state, attempts)
+        if shaped is not None:
+            shaped[rows] = self._shaping(state, attempts, news)
         return _Results(made_goal, by_plan, padded_table, count, shaped)
 
     def _reward(self, results: _Results, picked: _Picked) -> Array:
@@ -707,22 +688,6 @@ class BatchEngine:
         makes_nothing = picked.is_pair & (picked.pair == self.pairs.no_pair)
         is_wrong = self.arrays.cast(makes_nothing, self._reward_dtype)
         return reward + results.shaped - self._rewards.wrong_pair_penalty * is_wrong
-
-    def _combine(
-        self,
-        state: State,
-        pair: Array,
-        running: Array,
-    ) -> _Made | None:
-        """Return the attempts that make something; None if there is none, as after most actions."""
-        makes = (pair != self.pairs.no_pair) & running
-        rows = self.arrays.rows(makes)
-        if not len(rows):
-            return None
-        makes = makes[rows]
-        results = self.pairs.results[pair[rows]]
-        is_goal = (results == state.goal[rows][:, None]).any(1) & makes
-        return _Made(rows, makes, results, is_goal)
 
     def _are_all_over(self, state: State, attempts: _Made) -> bool:
         """Return whether all episodes with results end, so that their tables are never seen.
@@ -818,17 +783,6 @@ class BatchEngine:
                 f"expected 0 to {self.num_slots - 1}."
             )
         return actions
-
-    def _illegal(
-        self,
-        state: State,
-        actions: Array,
-        illegal: Array,
-    ) -> ActionError:
-        env = int(illegal.nonzero()[0][0])
-        return empty_slot(
-            f"action {int(actions[env])} of environment {env}", int(state.count[env]) - 1
-        )
 
 
 def empty_slot(action: str, last: int) -> ActionError:

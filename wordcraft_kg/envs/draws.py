@@ -30,8 +30,6 @@ _MANY = 1_024
 _AHEAD_OF_SETS = 4
 # Tables drawn at a time on the CPU, so that the arrays stay in the processor's cache.
 _CHUNK = 8_192
-# Up to so many tables are checked by comparing all candidates at once.
-_FEW = 64
 _LAST_31_BITS = 0x7FFFFFFF
 # Like STRIDE, an odd number.
 _EPISODE_STRIDE = -3335678366873096957
@@ -154,10 +152,8 @@ class Draws:
                 :meth:`World.check_tries`.
         """
         size = len(keys) if self.arrays.on_device else _CHUNK
-        pieces = []
-        for i in range(0, len(keys), size):
-            chunk = slice(i, i + size)
-            pieces.append(self._tables(keys[chunk], tasks[chunk]))
+        chunks = [slice(first, first + size) for first in range(0, len(keys), size)]
+        pieces = [self._tables(keys[chunk], tasks[chunk]) for chunk in chunks]
         return self.arrays.xp.concatenate(pieces)
 
     def _tables(self, keys: Array, tasks: Array) -> Array:
@@ -253,16 +249,9 @@ class Draws:
     def _clashes(self, candidates: Array, excluded: Array) -> Array:
         """Return which tables draw an entity twice, or one that is taken; shape (R,), bool."""
         clash = self.arrays.full((candidates.shape[1],), 0, "bool")
-        if len(clash) <= _FEW:
-            # All pairs in two comparisons: for few tables, the calls cost more than the numbers.
-            clash |= (candidates[:, None] == excluded[None, :]).any((0, 1))
-            equal = candidates[:, None] == candidates[None, :]
-            return clash | (equal.sum((0, 1)) > len(candidates))  # each equals itself
-        for i in range(len(candidates)):
-            for entity in excluded:
-                clash |= candidates[i] == entity
-            for j in range(i):
-                clash |= candidates[i] == candidates[j]
+        for i, candidate in enumerate(candidates):
+            clash |= (candidate == excluded).any(0)
+            clash |= (candidate == candidates[:i]).any(0)
         return clash
 
     def _pick(

@@ -18,12 +18,15 @@ from wordcraft_kg.base import (
     quoted,
     whole,
 )
-from wordcraft_kg.envs.world_config import METADATA, IllegalAction, check_mode
+from wordcraft_kg.envs.world_config import (
+    METADATA,
+    IllegalAction,
+    Info,
+    Observation,
+    check_mode,
+)
 from wordcraft_kg.graphs import GraphLike, layers, open_graph
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph, outcomes_of
-
-Observation = dict[str, Any]
-Info = dict[str, Any]
 
 
 class Discovery:

@@ -41,15 +41,8 @@ def _derived_from(*settings: str) -> Callable[[Callable[["World"], _T]], _T]:
 
     def declare(make: Callable[["World"], _T]) -> Any:
         def get(world: "World") -> Any:
-            key = (
-                make.__name__,
-                world.has_train_recipes_only,
-                *(getattr(world.config, name) for name in settings),
-            )
-            # Variants share this dictionary, so a value is found whatever the other settings are.
-            if key not in world._derived:
-                world._derived[key] = make(world)
-            return world._derived[key]
+            values = (getattr(world.config, name) for name in settings)
+            return world.shared((make.__name__, *values), lambda: make(world))
 
         return property(get, doc=make.__doc__)
 
@@ -123,7 +116,7 @@ class World:
         # Given tasks take the place in which made tasks would be kept.
         if tasks is not None:
             settings = (getattr(config, name) for name in _TASKS)
-            self._derived[("tasks", self.has_train_recipes_only, *settings)] = tasks
+            self.shared(("tasks", *settings), lambda: tasks)
         self.nothing = self.graph.num_entities
         self.max_results = max(map(len, self.outcomes.values()), default=1)
         self.num_given = self.graph.most_leaves(config.depth) + config.num_distractors

@@ -3,18 +3,19 @@
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Literal
 
-from wordcraft_kg.base.errors import ConfigError, UnknownSettingError
-from wordcraft_kg.base.registry import Registry
-from wordcraft_kg.base.settings import (
+from wordcraft_kg.base import (
     MAX_SIZE,
+    ConfigError,
+    UnknownSettingError,
+    check_choices,
     nearest,
     number_in,
-    one_of,
     require,
     whole,
 )
+from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.graphs.tasks import DRAWN_TASKS, MAX_DEPTH, TaskPart, TaskWeighting
 
 MAX_ATTEMPTS = 1_000
@@ -23,8 +24,8 @@ DistractorWeighting = Literal["use", "uniform"]
 DistractorPolicy = Literal["any", "no_shortcut", "no_train_shortcut"]
 Ambiguity = Literal["all", "last"]
 IllegalAction = Literal["waste", "raise"]
-
-
+Observation = dict[str, Any]
+Info = dict[str, Any]
 METADATA: dict[str, Any] = {"render_modes": ["ansi"], "render_fps": 4}
 """The environments' metadata for gymnasium; ``ansi`` renders the state in words."""
 
@@ -153,13 +154,9 @@ class WordCraftConfig:
             is_solvable = self.max_attempts >= self.depth
             expected = f"{self.depth} or more, which a task of depth {self.depth} takes"
             require(self, "max_attempts", is_solvable, expected)
-        expected = "True or False"
-        require(self, "pays_held_out", isinstance(self.pays_held_out, bool), expected)
         self._whole("num_tasks", 1, MAX_SIZE)
         self._whole("task_seed", 0, None)
-        for entry in fields(self):
-            if get_origin(entry.type) is Literal:
-                one_of(entry.name, getattr(self, entry.name), get_args(entry.type))
+        check_choices(self)
         # A name is kept as the setting, for records; its values are the derived field.
         rewards: Any = self.reward
         if not isinstance(rewards, RewardConfig):

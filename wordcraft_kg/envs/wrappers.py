@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import Observation
 
 Env = gym.Env[Any, Any]
-Observation = dict[str, Any]
-Info = dict[str, Any]
 
 
 class _Ids(gym.ObservationWrapper[Observation, Any, Observation]):

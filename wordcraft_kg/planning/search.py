@@ -143,11 +143,6 @@ class PlanSearch:
         self.reused = reused
         self.at_once = at_once
 
-    @property
-    def device(self) -> torch.device:
-        """The device of the arrays."""
-        return self.knowledge.bias.device
-
     @torch.no_grad()
     def values(
         self,
@@ -274,13 +269,13 @@ class PlanSearch:
         """
         steps: list[tuple[int, int, int, float]] = []
         slots = len(table)
+        device = self.knowledge.bias.device
         if tried is None:
-            tried = torch.zeros(1, slots, slots, dtype=torch.bool, device=self.device)
+            tried = torch.zeros(1, slots, slots, dtype=torch.bool, device=device)
         has_form = attempts_left == 2 and not tried.any()
         tried = tried.clone()
         table = list(table)
         first, second = pair
-        device = self.device
         goals = torch.tensor([goal], device=device)
         models = torch.tensor([model], device=device)
         for remaining in range(min(attempts_left, MAX_ATTEMPTS), 0, -1):
@@ -322,47 +317,33 @@ class PlanSearch:
     def _searches(self, attempts_left: Tensor, slots: int) -> Iterator[tuple[int, Tensor]]:
         """Group states with equally many attempts left, which are searched together.
 
+        At most :data:`SCORES` recipes are scored at once.
+
         Args:
             attempts_left: shape (B,), int64.
             slots: A.
 
         Yields:
-            attempts left, at most :data:`MAX_ATTEMPTS`, and numbers of states, see :meth:`_chunks`.
+            attempts left, at most :data:`MAX_ATTEMPTS`, and numbers of states, one or more.
 
         Raises:
             ConfigError: if a single state would not fit into memory.
         """
         depths = attempts_left.clamp(1, MAX_ATTEMPTS)
         for number in depths.unique().tolist():
+            width = self._width(number)
+            wide = slots + width
+            sources = wide if number > 2 else slots
+            # Recipes of a state: the goal and each candidate as results of pairs, as in `_values`.
+            for_goal = _num_pairs(wide, slots if number == 2 else wide)
+            for_candidate = _num_pairs(sources, slots if number == 3 else sources)
+            num_recipes = for_goal + width * for_candidate
+            # Four bytes for each sequence of candidates, see `_after`.
+            num_bytes = _BYTES * num_recipes + 4 * width ** (number - 1)
+            check_memory("plan_width", width, "candidate plans", num_bytes)
             same_depth = (depths == number).nonzero()[:, 0]
-            for rows in self._chunks(same_depth, number, slots):
+            for rows in same_depth.split(max(1, SCORES // num_recipes)):
                 yield number, rows
-
-    def _chunks(self, rows: Tensor, number: int, slots: int) -> Iterator[Tensor]:
-        """Split states so that at most :data:`SCORES` recipes are scored at once.
-
-        Args:
-            rows: shape (n,), int64: numbers of the states.
-            number: attempts left.
-            slots: A.
-
-        Yields:
-            numbers of states, one or more.
-
-        Raises:
-            ConfigError: if a single state would not fit into memory.
-        """
-        width = self._width(number)
-        wide = slots + width
-        sources = wide if number > 2 else slots
-        # Recipes of a state: the goal and each candidate as results of pairs, as in `_values`.
-        for_goal = _num_pairs(wide, slots if number == 2 else wide)
-        for_candidate = _num_pairs(sources, slots if number == 3 else sources)
-        bytes_per_row = for_goal + width * for_candidate
-        # Four bytes for each sequence of candidates, see `_after`.
-        num_bytes = _BYTES * bytes_per_row + 4 * width ** max(number - 1, 0)
-        check_memory("plan_width", width, "candidate plans", num_bytes)
-        yield from rows.split(max(1, SCORES // bytes_per_row))
 
     def _width(self, number: int) -> int:
         """Return the number of candidates with ``number`` attempts left; none for the last."""

@@ -18,7 +18,7 @@ from typing import ClassVar, Self
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 
 from wordcraft_kg.base import MAX_DIM, ConfigError
 from wordcraft_kg.base.tensors import check_tensors
@@ -93,11 +93,7 @@ class BestSetPlan(BestSet):
         self.recipes = tuple(map(known_recipes, models))
 
     def attempts(self, states: States) -> list[Tensor]:  # noqa: D102 - inherited
-        attempts = states.attempts
-        if attempts is None:
-            raise ValueError(
-                "the source plan (p) needs `attempts`: the number of attempts left in each state."
-            )
+        attempts = _attempts_of(states)
         tried = [] if attempts.tried is None else [attempts.tried.flatten(1)]
         return [attempts.left[:, None], *tried]
 
@@ -243,17 +239,6 @@ class BestPlan(BestRecipe):
     curve: Tensor
     weights: Tensor
 
-    def __init__(
-        self,
-        num_entities: int,
-        knowledge: RecipeKnowledge,
-        fold_of_recipe: Tensor | None = None,
-    ):
-        super().__init__(num_entities, knowledge, fold_of_recipe)
-        self._search: PlanSearch | None = None
-        # A search is made of numbers from `curve`: loading other numbers makes it stale.
-        self.register_load_state_dict_post_hook(_forget)
-
     @classmethod
     def of_scorer(  # noqa: D102 - inherited
         cls, scorer: TripleScorer, view: ScoreView
@@ -299,11 +284,6 @@ class BestPlan(BestRecipe):
         if BestSetPlan.is_stored(constants):
             return BestSetPlan.restored(num_entities, constants)
         # Besides an intercept for each kind of pair: slope, shift, width and two forms.
-        if constants["curve"].shape == (KINDS + 3,):
-            raise ValueError(
-                "its planner searches again after an attempt, and the tables at depth 2 were "
-                "others. Train the agent again"
-            )
         check_tensors(constants, {"curve": "values float64"}, values=KINDS + 5)
         width = constants["curve"].tolist()[KINDS + 2]
         if width not in range(MAX_DIM + 1):
@@ -335,19 +315,10 @@ class BestPlan(BestRecipe):
 
     @property
     def search(self) -> PlanSearch:
-        """The search for plans, on the device of the knowledge."""
-        # Its candidates hold tensors that are no buffers: a move to another device makes a new one.
-        if self._search is None or self._search.device != self.knowledge.bias.device:
-            new, result_weight, slope, shift, width, reused, at_once = self.curve.tolist()
-            curve = RecipeCurve(intercepts=(new, result_weight), slope=slope, shift=shift)
-            self._search = PlanSearch(
-                self.knowledge,
-                curve,
-                width=int(width),
-                reused=reused,
-                at_once=at_once,
-            )
-        return self._search
+        """The search for plans, with the settings in :attr:`curve`."""
+        new, result_weight, slope, shift, width, reused, at_once = self.curve.tolist()
+        curve = RecipeCurve(intercepts=(new, result_weight), slope=slope, shift=shift)
+        return PlanSearch(self.knowledge, curve, width=int(width), reused=reused, at_once=at_once)
 
     def pair_scores(self, states: States, model: Tensor) -> Tensor:
         """Return log Q for all slot pairs.
@@ -369,10 +340,9 @@ class BestPlan(BestRecipe):
         state = self._searched(states, model)
         if not self.is_weighed:
             return self.search.values(*state)
-        assert states.attempts is not None
         is_empty = states.table == self.num_entities
         features = self.search.features(*state)
-        return log_shares(features, self.weights, states.attempts.left, is_empty)
+        return log_shares(features, self.weights, _attempts_of(states).left, is_empty)
 
     def features(self, states: States) -> Tensor:
         """Return the features of all slot pairs, before :attr:`weights`.
@@ -389,11 +359,7 @@ class BestPlan(BestRecipe):
             IndexError: for a number without a task.
             ConfigError: if the search would not fit into memory.
         """
-        model = self.model_of(states.task)
-        # None: the model of all train recipes, number 0, scores all states.
-        if model is None:
-            model = torch.zeros_like(states.goal)
-        return self.search.features(*self._searched(states, model))
+        return self.search.features(*self._searched(states, self.model_of(states)))
 
     def _searched(
         self, states: States, model: Tensor
@@ -407,11 +373,7 @@ class BestPlan(BestRecipe):
         Raises:
             ValueError: if the states have no ``attempts``.
         """
-        attempts = states.attempts
-        if attempts is None:
-            raise ValueError(
-                "the source plan (p) needs `attempts`: the number of attempts left in each state."
-            )
+        attempts = _attempts_of(states)
         tried = self._tried(states.table, attempts)
         return states.goal, states.table, model, attempts.left, tried
 
@@ -437,7 +399,9 @@ class BestPlan(BestRecipe):
             size: number of entities in the graph.
             recipes: ids, shape (n, 3).
         """
-        source = cls(size, _without_words(size, recipes))
+        no_vectors = np.zeros((size, 0), dtype=np.float16)
+        no_neighbours = np.zeros((size, 0), dtype=np.int32)
+        source = cls(size, RecipeKnowledge.of_recipes(recipes, no_vectors, no_neighbours))
         # A known recipe is certain; a log-odds far below `NO_PLAN` makes any other impossible.
         impossible = [10 * NO_PLAN] * KINDS
         # Slope, shift and width (0: the default). Of certain plans, none is better.
@@ -450,8 +414,7 @@ class BestPlan(BestRecipe):
         attempts = states.attempts
         if attempts is None:
             return evidence
-        models = self.model_of(states.task)
-        model = 0 if models is None else int(models)
+        model = int(self.model_of(states))
         entities = states.table[0].tolist()
         # Each entity once, without empty slots, with a selection that is not on the table.
         distinct = dict.fromkeys((*entities, int(states.selection)))
@@ -483,6 +446,15 @@ class BestPlan(BestRecipe):
         return tuple(best and planned(entity, best) for entity, best in by_slot)
 
 
+def _attempts_of(states: States) -> Attempts:
+    """Return the attempts of states; ValueError if they are unknown."""
+    if states.attempts is None:
+        raise ValueError(
+            "the source plan (p) needs `attempts`: the number of attempts left in each state."
+        )
+    return states.attempts
+
+
 def log_shares(
     features: Tensor, weights: Tensor, attempts_left: Tensor, is_empty: Tensor
 ) -> Tensor:
@@ -510,16 +482,3 @@ def log_shares(
     # A table without entities has no pair.
     shares = (scores - total[:, None, None]).clamp(min=NO_PLAN)
     return shares.masked_fill(has_empty, -torch.inf)
-
-
-def _without_words(size: int, recipes: Ids) -> RecipeKnowledge:
-    """Return the knowledge of recipes, ids (n, 3), and nothing else, for ``size`` entities."""
-    no_vectors = np.zeros((size, 0), dtype=np.float16)
-    no_neighbours = np.zeros((size, 0), dtype=np.int32)
-    return RecipeKnowledge.of_recipes(recipes, no_vectors, no_neighbours)
-
-
-def _forget(source: nn.Module, _: object) -> None:
-    """Drop the search after loading a state dict; registered as a hook, which gets the module."""
-    assert isinstance(source, BestPlan)
-    source._search = None

@@ -26,7 +26,7 @@ from wordcraft_kg.evaluation.agents import AgentsView, by_success
 from wordcraft_kg.evaluation.scores import BECAUSE, main_support, strength
 from wordcraft_kg.models.policies.sources import ALPHA, Label, label_of, source_names
 from wordcraft_kg.reports import charts
-from wordcraft_kg.reports.charts import element, titled
+from wordcraft_kg.reports.charts import element
 from wordcraft_kg.reports.pages import Report
 
 METRICS: dict[TrainingMetric, str] = {
@@ -48,50 +48,36 @@ def source_colours() -> dict[str, int]:
 
 def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]]) -> charts.Chart:
     """Draw success curves on train and test tasks, from the points by agent and task part."""
-    series: dict[str, list[charts.CurvePoint]] = {}
-    colours = {}
-    dashed = set()
+    drawn = []
     for number, (agent, parts) in enumerate(curves.items()):
         for part, points in parts.items():
-            name = f"{agent}, {part}"
-            series[name] = []
-            for point in points:
-                series[name].append((point.step, point.success, point.low, point.high))
+            estimates = [(point.step, point.success, point.low, point.high) for point in points]
             # Both curves of an agent share a colour, so the distance between them is easy to see.
-            colours[name] = number
-            if part == "train":
-                dashed.add(name)
+            drawn.append(charts.Curve(f"{agent}, {part}", estimates, number, part == "train"))
     return charts.curves(
-        series,
+        drawn,
         "environment steps",
         "greedy success",
         "Success on train and test tasks over training",
         percent=True,
-        dashed=dashed,
-        colours=colours,
     )
 
 
 def picture_of_lambdas(agent: str, lambdas: Sequence[LambdaCurve]) -> charts.Chart:
     """Draw an agent's mixing weights (λ for each score source) over training."""
     colour_of_source = source_colours()
-    series = {}
-    colours = {}
-    dashed = set()
+    drawn = []
     for curve in lambdas:
-        name = f"{label_of(curve.source).coefficient} {curve.action}"
-        series[name] = _without_interval(curve.points)
+        label = f"{label_of(curve.source).coefficient} {curve.action}"
+        colour = colour_of_source[curve.source]
         # Both actions of a source share its colour; dashes tell them apart.
-        colours[name] = colour_of_source[curve.source]
-        if curve.action == "second":
-            dashed.add(name)
+        is_second = curve.action == "second"
+        drawn.append(charts.Curve(label, _without_interval(curve.points), colour, is_second))
     return charts.curves(
-        series,
+        drawn,
         "environment steps",
         "mean mixing weight (λ) in the last batch",
         f"Mixing weights of {agent} over training",
-        dashed=dashed,
-        colours=colours,
     )
 
 
@@ -108,26 +94,20 @@ def pictures_of_metrics(
     """
     pictures = {}
     for figure, title in METRICS.items():
-        series: dict[str, list[charts.CurvePoint]] = {}
-        colours: dict[str, int] = {}
-        labels = {}
+        drawn = []
         for number, (agent, by_metric) in enumerate(figures.items()):
-            for curve in by_metric.get(figure, ()):
-                name = f"{agent}, seed {curve.seed}"
+            for place, curve in enumerate(by_metric.get(figure, ())):
                 # The first seed's curve carries the agent's name.
-                if number not in colours.values():
-                    labels[name] = agent
-                series[name] = _without_interval(curve.points)
-                colours[name] = number
-        if series:
+                label = agent if place == 0 else ""
+                drawn.append(charts.Curve(label, _without_interval(curve.points), number))
+        if drawn:
             pictures[figure] = charts.curves(
-                series,
+                drawn,
                 "environment steps",
                 title,
                 f"{title} over training, a curve for each seed".capitalize(),
                 percent=figure == "test_success",
-                colours=colours,
-                labels=labels,
+                width=1.2,
             )
     return pictures
 
@@ -167,7 +147,7 @@ def contribution_bar(
             start = last_left
         term = element(
             "rect",
-            titled(f"{name}: {value:.2f}"),
+            element("title", f"{name}: {value:.2f}"),
             x=f"{start:.1f}",
             y=1,
             width=f"{width:.1f}",
@@ -196,11 +176,8 @@ def slot_rows(step: ExplainedStep) -> list[tuple[ExplainedSlot, Markup]]:
         sides.append(sum(-value for value in values if value <= 0))
     scale = max(sides)
     colours = source_colours()
-    rows = []
-    for slot in sorted(step.slots, key=lambda slot: slot.logit, reverse=True):
-        bar = contribution_bar(slot.contributions, scale, colours)
-        rows.append((slot, bar))
-    return rows
+    by_logit = sorted(step.slots, key=lambda slot: slot.logit, reverse=True)
+    return [(slot, contribution_bar(slot.contributions, scale, colours)) for slot in by_logit]
 
 
 ACTIONS: dict[str, Any] = {
@@ -302,10 +279,8 @@ def _pictures_of_slices(view: AgentsView) -> dict[Slice, charts.Chart]:
         labels = sorted({*chain.from_iterable(groups.values())}, key=_place)
         if not labels:
             continue
-        cells = {}
-        for name, rows in groups.items():
-            # An agent has None for a group in which it played no task.
-            cells[name] = [rows.get(label) for label in labels]
+        # An agent has None for a group in which it played no task.
+        cells = {name: [*map(rows.get, labels)] for name, rows in groups.items()}
         measure = f"success on {view.part} tasks"
         pictures[key] = charts.dots(labels, cells, axis, measure, f"Success by {axis}")
     return pictures

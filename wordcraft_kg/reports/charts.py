@@ -11,7 +11,7 @@ import math
 import re
 import textwrap
 import warnings
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
@@ -92,11 +92,6 @@ def element(name: str, /, *inside: object, **attributes: object) -> Markup:
     return Markup(f"{opening}>{content}</{name}>")
 
 
-def titled(title: str) -> Markup:
-    """Return a tooltip, the element ``title``; nothing for an empty title."""
-    return element("title", title) if title else Markup()
-
-
 def shortened(text: str, letters: int) -> str:
     """Shorten a text to a number of letters, with an ellipsis."""
     if len(text) <= letters:
@@ -143,38 +138,6 @@ def spread(
     places[order] = np.clip(pooled, low, high - num_gaps * gap) + gaps
     positions: list[float] = places.tolist()
     return positions
-
-
-class Labels:
-    """The space taken by texts in a chart, so that later texts do not overlap earlier ones.
-
-    Args:
-        line: height of a line of text, in pixels.
-    """
-
-    def __init__(self, line: float):
-        self._line = line
-        # Texts as (left, right, y).
-        self._taken: list[tuple[float, float, float]] = []
-
-    def take(self, left: float, right: float, y: float) -> bool:
-        """Reserve space for a text, in pixels.
-
-        Args:
-            left: left end of the text.
-            right: right end.
-            y: height of the base line.
-
-        Returns:
-            False if the space is taken; then nothing is reserved.
-        """
-        for start, end, at in self._taken:
-            is_beside = left > end or right < start
-            is_apart = abs(y - at) >= self._line
-            if not (is_beside or is_apart):
-                return False
-        self._taken.append((left, right, y))
-        return True
 
 
 WIDTH = 460
@@ -281,10 +244,11 @@ def figure_of(panels: Sequence[tuple[str, Chart]], title: str = "") -> "Figure":
 
         num_columns = min(len(panels), 2)
         num_rows = math.ceil(len(panels) / num_columns)
-        heights = []
-        for row in range(num_rows):
-            in_row = panels[row * num_columns : (row + 1) * num_columns]
-            heights.append(max(chart.height for _, chart in in_row))
+        panel_heights = [chart.height for _, chart in panels]
+        heights = [
+            max(panel_heights[first : first + num_columns])
+            for first in range(0, len(panels), num_columns)
+        ]
         size = (num_columns * WIDTH / _POINTS, sum(heights) / _POINTS)
         figure = Figure(figsize=size, dpi=_POINTS, layout="constrained")
         grid = figure.subfigures(num_rows, num_columns, squeeze=False, height_ratios=heights)
@@ -414,61 +378,77 @@ _MOST_BOUNDS = 100
 """Most points at an edge of a band: more look the same, and make the page large."""
 
 
+@dataclass(frozen=True)
+class Curve:
+    """A curve of a chart.
+
+    Attributes:
+        label: name at its end; empty for one of several curves of which another has the label.
+        points: its points, from left to right.
+        number: number of its colour, so that the same thing has the same colour in several charts.
+        is_dashed: whether its line is dashed; None gives each colour a pattern of its own.
+    """
+
+    label: str
+    points: Sequence[CurvePoint]
+    number: int
+    is_dashed: bool | None = None
+
+    @property
+    def dashes(self) -> _Dashes:
+        """The pattern of the line."""
+        if self.is_dashed is None:
+            # The shift by a pattern with each round of the colours tells apart two of a colour.
+            rounds = self.number // COLOURS
+            return _DASHES[(self.number + rounds) % len(_DASHES)]
+        return _DASHED if self.is_dashed else _DASHES[0]
+
+
 def curves(
-    series: Mapping[str, Sequence[CurvePoint]],
+    drawn: Sequence[Curve],
     x_title: str,
     y_title: str,
     description: str,
     *,
     percent: bool = False,
-    dashed: Collection[str] | None = None,
-    colours: Mapping[str, int] | None = None,
-    labels: Mapping[str, str] | None = None,
+    width: float = 2,
 ) -> Chart:
     """Draw curves with uncertainty bands and names at their ends; the x-axis includes 0.
 
-    A curve of a single point is a dot with a whisker. An empty curve keeps its colour.
+    A curve of a single point is a dot with a whisker.
 
     Args:
-        series: points of each curve, by name.
+        drawn: the curves.
         x_title: title of the x-axis.
         y_title: title of the y-axis.
         description: text alternative for people who do not see the chart.
         percent: y is a share, on an axis from 0 to 100 %; otherwise the axis fits the data.
-        dashed: names of the dashed curves; None gives each colour a pattern of its own.
-        colours: colour numbers by name; None takes the position in ``series``.
-        labels: end labels by name, for thin curves from several seeds of which one has the label;
-            None labels each curve with its name.
+        width: width of the lines, in points.
     """
-    texts = {name: name for name in series} if labels is None else labels
-    # Empty curves count, so that the same name has the same colour in several charts.
-    numbers = {name: number for number, name in enumerate(series)}
-    numbers.update(colours or {})
 
     def draw(axes: "Axes") -> None:
         ends = []
-        for name, points in series.items():
-            if not points:
+        for curve in drawn:
+            if not curve.points:
                 continue
-            number = numbers[name]
-            x, y, low, high = points[-1]
-            if len(points) == 1:
-                _draw_estimate(axes, (x, None, None), (y, low, high), number, "o")
+            x, y, low, high = curve.points[-1]
+            if len(curve.points) == 1:
+                _draw_estimate(axes, (x, None, None), (y, low, high), curve.number, "o")
             else:
-                _draw_band(axes, points, number)
+                _draw_band(axes, curve.points, curve.number)
                 axes.plot(
-                    [point[0] for point in points],
-                    [point[1] for point in points],
-                    color=_colour(number),
-                    linestyle=_dashes_of(name, number, dashed),
-                    linewidth=2 if labels is None else 1.2,
+                    [point[0] for point in curve.points],
+                    [point[1] for point in curve.points],
+                    color=_colour(curve.number),
+                    linestyle=curve.dashes,
+                    linewidth=width,
                 )
-            if name in texts:
-                ends.append((x, y, texts[name], _colour(number)))
+            if curve.label:
+                ends.append((x, y, curve.label, _colour(curve.number)))
         if percent:
-            _share_axis(axes, 1)
-        steps = [point[0] for point in chain.from_iterable(series.values())]
-        _step_axis(axes, steps)
+            _share_axis(axes)
+        points = chain.from_iterable(curve.points for curve in drawn)
+        _step_axis(axes, [point[0] for point in points])
         _name_ends(axes, ends)
         _write_titles(axes, x_title, y_title)
 
@@ -509,7 +489,7 @@ def dots(
         letters = int(WIDTH / 2 / num_places / _LETTER)
         axes.set_xticks(range(len(labels)), [_in_lines(label, letters) for label in labels])
         axes.set_xlim(-0.5, num_places - 0.5)
-        _share_axis(axes, 1)
+        _share_axis(axes)
         names = [_clean(name) for name in markers]
         axes.legend(markers.values(), names, loc="upper left", bbox_to_anchor=(1, 1))
         _write_titles(axes, x_title, y_title)
@@ -625,20 +605,6 @@ def _colour(number: int) -> str:
     return LIGHT_SERIES[number % COLOURS]
 
 
-def _marker(number: int) -> str:
-    """Return the shape of a data series' markers."""
-    return _MARKERS[number % len(_MARKERS)]
-
-
-def _dashes_of(name: str, number: int, dashed: Collection[str] | None) -> _Dashes:
-    """Return the dashes of a curve."""
-    if dashed is None:
-        # The shift by a pattern with each round of the colours tells apart two curves of a colour.
-        rounds = number // COLOURS
-        return _DASHES[(number + rounds) % len(_DASHES)]
-    return _DASHED if name in dashed else _DASHES[0]
-
-
 def _draw_band(axes: "Axes", points: Sequence[CurvePoint], number: int) -> None:
     """Fill the area between the bounds of a curve; a point without bounds interrupts it."""
     every = math.ceil(len(points) / _MOST_BOUNDS)
@@ -646,12 +612,9 @@ def _draw_band(axes: "Axes", points: Sequence[CurvePoint], number: int) -> None:
     edge = points[::-1][::every]
     if all(low is None for _, _, low, _ in edge):
         return
-    bounds = []
-    for x, _, low, high in edge:
-        has_bounds = low is not None and high is not None
-        bounds.append((x, low, high) if has_bounds else (x, math.nan, math.nan))
-    xs, lows, highs = zip(*bounds, strict=True)
-    axes.fill_between(xs, lows, highs, facecolor=_colour(number), alpha=0.16, edgecolor="none")
+    xs, _, lows, highs = zip(*edge, strict=True)
+    bounds = np.array([lows, highs], dtype=float)  # NaN for None
+    axes.fill_between(xs, *bounds, facecolor=_colour(number), alpha=0.16, edgecolor="none")
 
 
 def _draw_estimate(
@@ -680,7 +643,7 @@ def _draw_estimate(
         [across],
         [up],
         _MARKER_SIZE**2,
-        marker=marker or _marker(number),
+        marker=marker or _MARKERS[number % len(_MARKERS)],
         facecolor=colour,
         edgecolor="none",
         zorder=3,
@@ -695,9 +658,9 @@ def _percent() -> "PercentFormatter":
     return PercentFormatter(1)
 
 
-def _share_axis(axes: "Axes", highest: float) -> None:
-    """Show y as percentages, from 0."""
-    axes.set_ylim(0, highest)
+def _share_axis(axes: "Axes") -> None:
+    """Show y as percentages, from 0 to 100."""
+    axes.set_ylim(0, 1)
     axes.yaxis.set_major_formatter(_percent())
 
 

@@ -55,10 +55,9 @@ def _pictures_of_probabilities(view: LinkView) -> dict[str, charts.Chart]:
         if row.reason:
             continue
         kind = ", itself" if row.pairs == "itself" else ""
-        points = []
-        for at in row.bins:
-            points.append((at.probability, at.observed, at.low, at.high, at.triples))
-        series[f"{row.relation}{kind}"] = points
+        series[f"{row.relation}{kind}"] = [
+            (at.probability, at.observed, at.low, at.high, at.triples) for at in row.bins
+        ]
     about = "Share of true triples against their probability"
     return {"probabilities": charts.log_reliability(series, about)}
 
@@ -85,21 +84,19 @@ def _interval_row(name: str, metrics: RankingMetrics) -> tuple[str, charts.Estim
 
 
 def _pictures_of_training(view: LinkView) -> dict[str, charts.Chart]:
-    loss: list[charts.CurvePoint] = []
-    valid: list[charts.CurvePoint] = []
-    for row in view.trace:
-        loss.append((row.epoch, row.loss, None, None))
-        # Not every epoch is validated.
-        if row.valid_mrr is not None:
-            valid.append((row.epoch, row.valid_mrr, None, None))
+    loss = [(row.epoch, row.loss, None, None) for row in view.trace]
+    # Not every epoch is validated.
+    valid = [
+        (row.epoch, row.valid_mrr, None, None) for row in view.trace if row.valid_mrr is not None
+    ]
     pictures = {}
     if loss:
         pictures["loss"] = charts.curves(
-            {"loss": loss}, "epoch", "training loss", "Training loss by epoch"
+            [charts.Curve("loss", loss, 0)], "epoch", "training loss", "Training loss by epoch"
         )
     if valid:
         pictures["valid"] = charts.curves(
-            {"MRR": valid}, "epoch", "validation MRR", "Validation MRR by epoch"
+            [charts.Curve("MRR", valid, 0)], "epoch", "validation MRR", "Validation MRR by epoch"
         )
     return pictures
 

@@ -4,7 +4,7 @@ import base64
 import hashlib
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import cache
@@ -70,18 +70,6 @@ for _topic, _terms in _TERMS.items():
         GLOSSARY[_key] = Term(_topic, *_words)
 
 
-def find_term(key: str) -> Term:
-    """Return the term for a key: a glossary entry or a registered score source.
-
-    Raises:
-        KeyError: if the key is unknown.
-    """
-    if key in GLOSSARY:
-        return GLOSSARY[key]
-    # Sources of other packages may be registered after this module was imported.
-    return _term(label_of(key))
-
-
 class Outline:
     """The section headings and glossary terms of a page, collected while the page is rendered.
 
@@ -111,10 +99,15 @@ class Outline:
     def term(self, key: str, text: str | None = None) -> Markup:
         """Record a glossary term; return its name or ``text``, with the meaning as a tooltip.
 
+        Args:
+            key: a glossary entry, or the name of a registered score source.
+            text: text instead of the term's name.
+
         Raises:
             KeyError: if the term is unknown.
         """
-        term = find_term(key)
+        # Sources of other packages may be registered after this module was imported.
+        term = GLOSSARY.get(key) or _term(label_of(key))
         self.terms[key] = term
         name = f"{term.name} ({term.symbol})" if term.symbol else term.name
         shown = text or name
@@ -194,7 +187,7 @@ class Report(Generic[V]):
     Attributes:
         view: the report's numbers, for ``report.json``.
         template: file name of the page's template.
-        pictures: pictures by the template's names, some in lists and mappings.
+        pictures: charts by the template's names, some in mappings.
         shown: further values by the template's names.
         tables: further tables by file name.
         files: further files by name, such as pictures.
@@ -211,7 +204,7 @@ class Report(Generic[V]):
     def figures(self) -> "dict[str, Figure]":
         """The charts as figures of Matplotlib, to change them or to save them for a paper.
 
-        A chart in a list or a mapping has the names on the way to it, such as ``slices/layer``.
+        A chart in a mapping has the names on the way to it, such as ``slices/layer``.
 
         Example:
             ``report.figures["success"].savefig("success.pdf")``
@@ -220,16 +213,11 @@ class Report(Generic[V]):
 
 
 def _charts_in(pictures: Any, name: str = "") -> Iterator[tuple[str, Chart]]:
-    """Yield the charts in nested lists and mappings, each with the names on the way to it."""
+    """Yield the charts in nested mappings, each with the names on the way to it."""
     if isinstance(pictures, Chart):
         yield name, pictures
         return
-    inside: Iterable[tuple[object, Any]] = ()
-    if isinstance(pictures, Mapping):
-        inside = pictures.items()
-    elif isinstance(pictures, list | tuple):
-        inside = enumerate(pictures)
-    for key, picture in inside:
+    for key, picture in pictures.items():
         yield from _charts_in(picture, f"{name}/{key}".lstrip("/"))
 
 
@@ -261,18 +249,13 @@ def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None
     with locked(out.parent, "used") if in_run else nullcontext():
         if in_run:
             drop_temporary(out.parent)
-        _write(report, out, force=force)
-
-
-def _write(report: Report[Any], out: Path, *, force: bool) -> None:
-    # All or nothing: readers see the old report until the new one is complete.
-    with staged_folder(out, force=force) as folder:
-        # Checked first: a number out of bounds stops the report before the page shows it.
-        write_atomically(folder / "report.json", dump_json(checked_values(report.view)))
-        write_atomically(folder / "index.html", render(report))
-        for name, table in report.tables.items():
-            write_atomically(
-                folder / name, table.to_csv(index=False, lineterminator="\n", float_format="%.6g")
-            )
-        for name, content in report.files.items():
-            write_atomically(folder / name, content)
+        # All or nothing: readers see the old report until the new one is complete.
+        with staged_folder(out, force=force) as folder:
+            # Checked first: a number out of bounds stops the report before the page shows it.
+            write_atomically(folder / "report.json", dump_json(checked_values(report.view)))
+            write_atomically(folder / "index.html", render(report))
+            for name, table in report.tables.items():
+                text = table.to_csv(index=False, lineterminator="\n", float_format="%.6g")
+                write_atomically(folder / name, text)
+            for name, content in report.files.items():
+                write_atomically(folder / name, content)

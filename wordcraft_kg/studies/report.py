@@ -376,23 +376,22 @@ def _curves(view: StudyView, point: PointMetrics) -> Chart:
     for at in view.points:
         for entry in at.variants:
             colours.setdefault(entry.variant, len(colours))
-    series: dict[str, list[tuple[int, float, float | None, float | None]]] = {}
     last_step = max(at.step for entry in point.variants for at in entry.curve)
-    without_curve = []
+    drawn = []
     for entry in sorted(point.variants, key=lambda entry: colours[entry.variant]):
-        series[entry.variant] = [(at.step, at.success, at.low, at.high) for at in entry.curve]
+        points: list[charts.CurvePoint]
+        points = [(at.step, at.success, at.low, at.high) for at in entry.curve]
+        is_level = not entry.curve
         # A player without training is a level from the first step to the last.
-        if not entry.curve:
-            without_curve.append(entry.variant)
-            series[entry.variant] = [(step, entry.mean, None, None) for step in (0, last_step)]
+        if is_level:
+            points = [(step, entry.mean, None, None) for step in (0, last_step)]
+        drawn.append(charts.Curve(entry.variant, points, colours[entry.variant], is_level))
     return charts.curves(
-        series,
+        drawn,
         "environment steps",
         _SUCCESS,
         f"Success of each variant over training, {point.title}",
         percent=True,
-        dashed=without_curve,
-        colours={name: colours[name] for name in series},
     )
 
 

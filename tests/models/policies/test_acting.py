@@ -18,7 +18,7 @@ from wordcraft_kg.base.errors import (
     OutputExistsError,
     UnknownEntityError,
 )
-from wordcraft_kg.models.policies.attention import AttentionPolicy
+from wordcraft_kg.models.policies.networks import AttentionPolicy
 from wordcraft_kg.models.policies.policy import EntityVectors
 from wordcraft_kg.models.policies.policy_folder import load_policy, make_policy, save_policy
 from wordcraft_kg.models.policies.sources import source as room

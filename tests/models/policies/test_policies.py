@@ -13,17 +13,16 @@ from small_scorers import BareScorer, normal, states as states_of
 
 from wordcraft_kg import PolicyConfig, make_sources
 from wordcraft_kg.base.errors import ConfigError, NotRegisteredError
-from wordcraft_kg.models.policies.attention import (
+from wordcraft_kg.models.policies.networks import (
     FOLD_LIMIT,
     AttentionPolicy,
+    MLPPolicy,
     Slots,
     TableAttention,
     masked_softmax,
-    mix_logits,
 )
-from wordcraft_kg.models.policies.networks import MLPPolicy
 from wordcraft_kg.models.policies.pairs import LENGTH, PairPolicy
-from wordcraft_kg.models.policies.policy import EntityVectors, log_policy
+from wordcraft_kg.models.policies.policy import EntityVectors, log_policy, mix_logits
 from wordcraft_kg.models.policies.states import Attempts, States
 
 SIZE = 7
@@ -167,7 +166,7 @@ def close(found, expected):
 @pytest.mark.parametrize("kind", [kind for kind in ATTENTIVE if kind not in KNOWING])
 def test_the_policy_is_scaled_dot_product_attention(kind, fold_limit, monkeypatch):
     """The policy is the softmax of scaled dot products of query and keys."""
-    monkeypatch.setattr("wordcraft_kg.models.policies.attention.FOLD_LIMIT", fold_limit)
+    monkeypatch.setattr("wordcraft_kg.models.policies.networks.FOLD_LIMIT", fold_limit)
     policy, state = KINDS[kind](), states()
     logits = policy(States(*state)).logits
     for i, (goal, selection, real, row) in enumerate(one_by_one(state)):

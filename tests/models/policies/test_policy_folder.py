@@ -14,7 +14,7 @@ from torch import Tensor
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.graphs import COMBINES_WITH
-from wordcraft_kg.models.policies.attention import AttentionPolicy
+from wordcraft_kg.models.policies.networks import AttentionPolicy
 from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.policies.policy_folder import (
     load_policy,

@@ -1,8 +1,8 @@
 """Policies choose table slots: from states of B episodes to slot logits and state values.
 
 Read ``states`` (the input), then ``policy`` (the base class) and the kinds: ``pairs``, which scores
-pairs of slots, ``attention``, the paper's self-attention actor-critic, both with knowledge mixed
-in, and ``networks``, the paper's baseline and networks of one's own.
+pairs of slots, and ``networks``, which score single slots: the paper's self-attention actor-critic,
+its baseline, and networks of one's own.
 ``policy_config`` holds the settings, ``sources`` the knowledge that may be mixed in;
 ``policy_folder`` makes, writes and loads policies::
 
@@ -11,6 +11,6 @@ in, and ``networks``, the paper's baseline and networks of one's own.
 
 Free to change: how a network computes its outputs, as long as the tests against slow references
 pass. Not free: names of parameters and buffers, which are the tensors' names in existing run
-folders; and the order of operations in ``attention``, since another rounding changes all trained
-results (then raise ``VERSIONS`` in ``studies/plan.py``).
+folders; and the order of operations in ``networks`` and ``pairs``, since another rounding changes
+all trained results (then raise ``VERSIONS`` in ``studies/plan.py``).
 """

@@ -14,14 +14,17 @@ import torch
 from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.models.policies.attention import SPEED, Phases, SourceWeights, phases_of
+from wordcraft_kg.models.policies.networks import Phases, phases_of
 from wordcraft_kg.models.policies.policy import (
+    SPEED,
     EntityVectors,
     Policy,
     PolicyOutput,
+    SourceWeights,
     Weights,
     checked_logits,
     look_up,
+    named_weights,
 )
 from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.policies.sources.source import Source
@@ -102,8 +105,7 @@ class PairPolicy(Policy):
         # On the CPU, as :meth:`first_lambdas`.
         self.words = SourceWeights(torch.tensor([first, 0.0], device="cpu"))
         if self.sources:
-            # The first label is that of the network's own scores, whose λ is 1.
-            self.lambdas = SourceWeights(self.first_lambdas()[1:])
+            self.lambdas = self.source_weights()
         if config.sees_attempts:
             self.phases = Phases(2 * size, len(self.labels))
 
@@ -129,10 +131,9 @@ class PairPolicy(Policy):
             "value.bias": self.value.bias,
         }
         if self.sources:
-            lambdas = self.lambdas()
-            weights["lambdas"] = torch.cat([lambdas.new_ones(1), lambdas])
+            weights |= self.residual_weights(self.lambdas)
         if self.config.sees_attempts:
-            weights |= self.phases.weights()
+            weights |= named_weights("phases", self.phases)
         return weights
 
     # --- choices: pairs of slots ------------------------------------------------------------------
@@ -175,17 +176,16 @@ class PairPolicy(Policy):
         if phases is not None:
             value = value + weights["phases.value"].index_select(0, phases)
         is_empty = alpha == -torch.inf
-        if external_scores is None:
-            # Masked at the end, so that no gradient of -inf reaches a parameter.
-            return PolicyOutput(alpha.masked_fill(is_empty, -torch.inf), value)
-        lambdas = weights["lambdas"].expand(len(table), -1)
-        if phases is not None:
-            # As fast as the numbers to which they are added.
-            lambdas = lambdas + SPEED * weights["phases.lambdas"].index_select(0, phases)
-        # Empty pairs are finite until they are mixed, so that no λ makes a NaN of them.
-        sources = torch.cat([alpha.masked_fill(is_empty, 0)[:, None], external_scores], dim=1)
-        mixed = torch.bmm(lambdas[:, None], sources)[:, 0]
-        return PolicyOutput(mixed.masked_fill(is_empty, -torch.inf), value, sources, lambdas)
+        lambdas = None
+        if self.sources:
+            lambdas = weights["lambdas"].expand(len(table), -1)
+            if phases is not None:
+                # As fast as the numbers to which they are added.
+                lambdas = lambdas + SPEED * weights["phases.lambdas"].index_select(0, phases)
+        # Empty pairs are finite until they are mixed, so that no λ makes a NaN of them, and masked
+        # at the end, so that no gradient of -inf reaches a parameter.
+        logits = alpha.masked_fill(is_empty, 0)
+        return self.mixed(logits, value, ~is_empty, external_scores, lambdas)
 
     def _of_words(self, weights: Weights, goal: Tensor, table: Tensor) -> Tensor:
         """Return the part of α by word cosines, and for an item with itself, shape (B, P)."""

@@ -22,6 +22,14 @@ With 1 or 5, agents explore so much at first that they forget their planner.
 """
 
 
+SPEED = 30.0
+"""How many times as fast the mixing weights of :class:`SourceWeights` learn as other parameters.
+
+With 1 the weights of good sources end at 3, where others reach 40, and with 100 those of useless
+sources do not come to rest.
+"""
+
+
 class PolicyOutput(NamedTuple):
     """A policy's output for a batch with B states, A slots and S mixed scores per slot.
 
@@ -131,6 +139,61 @@ def look_up(vectors: Tensor, ids: Tensor) -> Tensor:
     return vectors.index_select(0, ids.reshape(-1)).view(*ids.shape, vectors.shape[1])
 
 
+def named_weights(name: str, module: nn.Module) -> Weights:
+    """Return a module's parameters by name, each behind the module's name and a point."""
+    return {f"{name}.{part}": parameter for part, parameter in module.named_parameters()}
+
+
+class SourceWeights(nn.Module):
+    """A mixing weight λ for each source, the same in all states: ``λ = first + c · step``.
+
+    An optimiser such as RMSProp moves each parameter by at most about its learning rate in an
+    update, and the λ of good sources are large: with :data:`SPEED` (c) they are reached in time.
+
+    Attributes:
+        step: shape (S,): the learned parameter, 0 at first.
+    """
+
+    first: Tensor
+
+    def __init__(self, first: Tensor):
+        """Begin with the weights ``first``, shape (S,)."""
+        super().__init__()
+        # Follows from the settings, so that it is made again and not saved.
+        self.register_buffer("first", first, persistent=False)
+        self.step = nn.Parameter(torch.zeros_like(first))
+
+    def forward(self) -> Tensor:
+        """Return λ, shape (S,)."""
+        return self.first + SPEED * self.step
+
+
+def mix_logits(
+    logits: Tensor,
+    lambdas: Tensor,
+    slot_mask: Tensor,
+) -> Tensor:
+    """Mix the sources' scores into a logit for each slot: ``β_i = Σ_s λ_s · source_s,i``.
+
+    Empty slots become -inf *after* mixing, so no choice of λ can revive them.
+
+    Args:
+        logits: shape (B, S, A): scores, with a channel for each source in use; attention logits α
+            first if in use.
+        lambdas: shape (B, S): mixing weights. A source that is not in use has no entry.
+        slot_mask: shape (B, A), bool: True for occupied slots.
+
+    Returns:
+        shape (B, A): exactly -inf where ``slot_mask`` is False.
+
+    Source: Jiang et al. 2020, appendix "Learning Mixing Coefficients"; differs by masking after
+    mixing.
+    """
+    # (1, S) by (S, A) for each state.
+    mixed = torch.bmm(lambdas[:, None, :], logits)[:, 0]
+    return mixed.masked_fill(~slot_mask, -torch.inf)
+
+
 class Policy(nn.Module):
     """Base class of policies: ``policy(States(...))`` for batches, :meth:`act` for one state.
 
@@ -209,6 +272,41 @@ class Policy(nn.Module):
         ahead = [source.label for source in self.sources.values() if source.reads_attempts]
         lambdas = [AHEAD if label in ahead else 0.0 for label in self.labels]
         return torch.tensor(lambdas, device="cpu")
+
+    def source_weights(self) -> SourceWeights:
+        """Return the λ of sources as learned numbers, for a policy with the mixing "residual"."""
+        return SourceWeights(self.first_lambdas()[-len(self.sources) :])
+
+    def residual_weights(self, lambdas: SourceWeights) -> Weights:
+        """Return ``lambdas``, shape (S,): 1 for the network's own scores if in use, then those."""
+        learned = lambdas()
+        # The network comes first among the labels.
+        ones = learned.new_ones(len(self.labels) - len(learned))
+        return {"lambdas": torch.cat([ones, learned])}
+
+    def mixed(
+        self,
+        logits: Tensor,
+        value: Tensor,
+        mask: Tensor,
+        external_scores: Tensor | None,
+        lambdas: Tensor | None,
+    ) -> PolicyOutput:
+        """Return a network's output with the scores of the sources mixed in, if there are any.
+
+        Args:
+            logits: shape (B, A): the network's, finite.
+            value: shape (B,).
+            mask: shape (B, A), bool: True for slots that may be chosen.
+            external_scores: shape (B, S, A); None without sources.
+            lambdas: mixing weights, shape (B, S); None without sources.
+        """
+        if external_scores is None or lambdas is None:
+            return PolicyOutput(logits.masked_fill(~mask, -torch.inf), value)
+        sources = external_scores
+        if not self.config.kg_only:
+            sources = torch.cat([logits[:, None], external_scores], dim=1)
+        return PolicyOutput(mix_logits(sources, lambdas, mask), value, sources, lambdas)
 
     @property
     def reads_task(self) -> bool:

@@ -6,16 +6,15 @@ the help text of each option.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from wordcraft_kg.base import (
     MAX_DIM,
     ConfigError,
     NotRegisteredError,
+    check_choices,
     nearest,
     number_in,
-    one_of,
-    require,
     whole,
 )
 from wordcraft_kg.base.registry import REMEDY, Registry
@@ -123,31 +122,14 @@ class PolicyConfig:
     sees_attempts: bool | None = None
 
     def __post_init__(self) -> None:
-        for name in (
-            "pooling",
-            "self_edges",
-            "value_readout",
-        ):
-            one_of(
-                name,
-                getattr(self, name),
-                get_args(PolicyConfig.__annotations__[name]),
-            )
+        check_choices(self)
         if self.policy is not None:
             POLICIES.check("policy", self.policy)
-        for name, choices in (("mixing", Mixing), ("scale", Scale)):
-            if getattr(self, name) is not None:
-                one_of(name, getattr(self, name), get_args(choices))
         for name in ("key_size", "value_size", "hidden_size", "pair_size", "embedding_size"):
             whole(name, getattr(self, name), 1, MAX_DIM)
         number_in("vector_noise", self.vector_noise, 0, _MOST_NOISE, f"0 to {_MOST_NOISE:g}")
         number_in("dropout", self.dropout, 0, _MOST_DROPPED, "0 or more, below 1")
         whole("plan_width", self.plan_width, 0, MAX_DIM)
-        for name in ("allow_missing", "weigh_plans", "kg_only", "in_sample", "sees_attempts"):
-            # A text such as "false" from a configuration file would count as true.
-            value = getattr(self, name)
-            is_open = name in ("weigh_plans", "sees_attempts") and value is None
-            require(self, name, is_open or isinstance(value, bool), "true or false")
         if self.sees_attempts and self.policy not in (None, "pairs", "attention"):
             raise ConfigError("`sees_attempts` needs `policy` pairs or attention.")
         # Files of runs and addresses of studies know the short names alone.
@@ -180,9 +162,7 @@ class PolicyConfig:
         """
         kind = self.policy or policy
         sees = sees_attempts if self.sees_attempts is None else self.sees_attempts
-        scale = self.scale
-        if scale is None:
-            scale = "none" if sees and has_scorer else "ranks"
+        scale = self.scale or ("none" if sees and has_scorer else "ranks")
         form = self.mixing or ("residual" if kind == "pairs" else mixing)
         if kind not in BUILT_IN_POLICIES:
             # A plugin's network has one form, whatever a study sets for all its variants.

@@ -33,8 +33,7 @@ from wordcraft_kg.base import (
 from wordcraft_kg.base.settings import LEARNED
 from wordcraft_kg.base.tensors import MAX_WEIGHT, copied, largest, read_tensors, with_prefix
 from wordcraft_kg.graphs import Ids, RecipeGraph, TaskSet
-from wordcraft_kg.models.policies.attention import AttentionPolicy
-from wordcraft_kg.models.policies.networks import MLPPolicy, NetworkPolicy
+from wordcraft_kg.models.policies.networks import AttentionPolicy, MLPPolicy, NetworkPolicy
 from wordcraft_kg.models.policies.pairs import PairPolicy
 from wordcraft_kg.models.policies.policy import EntityVectors, Policy
 from wordcraft_kg.models.policies.policy_config import POLICIES, PolicyConfig
@@ -189,16 +188,12 @@ def write_constants(folder: Path, policy: Policy) -> None:
         num_slots=policy.num_slots,
         dim=0 if policy.vectors.is_one_hot else policy.vectors.dim,
     )
-    # Everything that is not a parameter: buffers of vectors and sources.
-    constants = {name: tensor.cpu().contiguous() for name, tensor in policy.state_dict().items()}
+    # Everything that is not a parameter: buffers of vectors and sources. Sources of one scorer may
+    # share tensors, such as w and p the words; the file has a copy each.
+    constants = copied(policy.state_dict())
     for name, _ in policy.named_parameters():
         del constants[name]
     _check_numbers(constants)
-    # Sources of one scorer may share tensors, such as w and p the words; the file has a copy each.
-    owners: dict[int, str] = {}
-    for name, tensor in constants.items():
-        if owners.setdefault(tensor.data_ptr(), name) != name:
-            constants[name] = tensor.clone()
     write_atomically(folder / "constants.safetensors", safetensors.torch.save(constants))
     write_atomically(folder / "policy.json", dump_json(as_values(description)))
 

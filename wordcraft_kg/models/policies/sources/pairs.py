@@ -17,14 +17,14 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.policies.sources import T, U, V
 from wordcraft_kg.models.policies.sources.source import (
     FoldedSource,
-    KeptScores,
     Rows,
     ScoreView,
     Source,
     knowledge_of_models,
+    models_of,
 )
 from wordcraft_kg.models.policies.states import States
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of, whole_of
+from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.factors import SetTableScorer, TableScorer
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
@@ -34,7 +34,6 @@ from wordcraft_kg.models.scorers.scales import (
     sampled_scaling,
     scaled_table,
 )
-from wordcraft_kg.models.scorers.score_limits import SelfEdges
 
 # Axis names and types of the buffers, for `check_tensors`; N is E + 1.
 _TABLE = {"scores": "N N float32"}
@@ -103,28 +102,20 @@ class PairSource(FoldedSource):
         knowledge: RecipeKnowledge | None = None,
     ):
         """Take the buffers of one kind, ``fold_of_recipe`` with folds, and for links knowledge."""
-        super().__init__(num_entities, constants.get("fold_of_recipe"))
+        num_models = knowledge.num_models if knowledge is not None else 1
+        super().__init__(num_entities, constants.get("fold_of_recipe"), num_models)
         self.is_table = "scores" in constants
         self.knowledge = knowledge
-        self.kept = KeptScores()
-        self.register_load_state_dict_post_hook(self.kept.forget)
         for name in _layouts(constants):
             self.register_buffer(name, constants[name])
 
     @classmethod
-    def of_pairs(
-        cls,
-        scorer: TripleScorer,
-        view: ScoreView,
-        *,
-        self_edges: SelfEdges = "keep",
-    ) -> Self:
+    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> Self:
         """Make slot scores from the triples (slot's entity, relation, key entity).
 
         Args:
             scorer: any scorer of triples, cross-fitted or not.
-            view: scale, and the tasks to score by cross-fitted scorers.
-            self_edges: treatment of triples with equal head and tail, instead of the view's.
+            view: scale, treatment of self edges, and the tasks to score by cross-fitted scorers.
 
         Returns:
             the source, with each task's model chosen if the view has tasks.
@@ -136,40 +127,41 @@ class PairSource(FoldedSource):
             ConfigError: for an unknown scale or treatment of self edges, or if ``view.observed`` is
                 missing.
         """
-        view = replace(view, self_edges=self_edges)
-        size = len(scorer.entities)
-        constants = _constants(scorer, cls.relation, view)
+        # The setting `self_edges` is about combinesWith alone; else all scores are kept.
+        if cls.relation != COMBINES_WITH:
+            view = replace(view, self_edges="keep")
+        # A train task is scored by the model without its recipe's fold, never in-sample. Without
+        # tasks there is nothing to choose by, and the model of all folds is enough.
+        by_model = [
+            _constants(model, cls.relation, model_view)
+            for model, model_view in models_of(scorer, view)
+        ]
+        constants = by_model[0] if len(by_model) == 1 else _stacked(by_model)
         knowledge = None
         # Other scorers have factors in place of a table. A recipe scorer has none, so the source
         # keeps its knowledge, with the models of all folds, and scores links when they are asked.
         if view.without_tables and isinstance(whole_of(scorer), RecipeScorer):
             knowledge = knowledge_of_models(scorer, view)
-        folded = folds_of(scorer)
         fold_numbers = cls.fold_numbers(scorer, view)
-        # A train task is scored by the model without its recipe's fold, never in-sample. Without
-        # tasks there is nothing to choose by, and the model of all folds is enough.
-        if folded is not None and view.tasks is not None:
-            constants = _stacked(constants, _without_each_fold(folded, cls.relation, view))
         if fold_numbers is not None:
             constants = {**constants, "fold_of_recipe": fold_numbers}
-        return cls(size, constants, knowledge).bound(view)
+        return cls(len(scorer.entities), constants, knowledge).bound(view)
 
     @classmethod
     def restored(  # noqa: D102 - inherited
         cls, num_entities: int, constants: Mapping[str, Tensor]
     ) -> Self:
         layouts = _layouts(constants)
-        folds = cls.num_folds(constants)
-        # With K folds, buffers have K + 2 models, of which the last is empty. Knowledge has K + 1:
-        # an empty model needs no lists.
-        if folds is not None:
+        num_models = cls.num_stored(constants)
+        # With folds, buffers have one model more, which is empty. It needs no lists.
+        if num_models > 1:
             layouts = {name: f"models {layout}" for name, layout in layouts.items()}
-        check_tensors(constants, layouts, N=num_entities + 1, models=(folds or 0) + 2)
+        check_tensors(constants, layouts, N=num_entities + 1, models=num_models + 1)
         _check_scaling(constants)
         link_constants = with_prefix(constants, _KNOWLEDGE)
         knowledge = None
         if link_constants:
-            knowledge = RecipeKnowledge(link_constants, num_entities, (folds or 0) + 1)
+            knowledge = RecipeKnowledge(link_constants, num_entities, num_models)
         return cls(num_entities, constants, knowledge)
 
     @classmethod
@@ -186,41 +178,41 @@ class PairSource(FoldedSource):
         Returns:
             shape (B, A), float32.
         """
+        # Buffers may have a first axis of models, which lie one below the other in a flat view.
+        # There the row of an entity is `first_rows` + entity.
         table = states.table
-        model = self.model_of(states.task)
+        model = self.model_of(states)
+        first_rows = (self.num_entities + 1) * model
         if self.is_table:
-            return self._from_table(table, key, model)
-        # With folds, buffers have an axis of models.
-        if self.shift.ndim and model is None:
-            model = torch.zeros_like(key)
-        raw = self._from_links if self.knowledge is not None else self._from_factors
-        return self._scaled(raw(table, key, model), table, key, model)
+            # A single `index_select` reads all scores.
+            rows = first_rows + key
+            cells = torch.add(table, rows[:, None], alpha=self.num_entities + 1)
+            return self.scores.view(-1).index_select(0, cells.reshape(-1)).view(cells.shape)
+        slot_rows = table + first_rows[:, None]
+        if self.knowledge is None:
+            scores = self._from_factors(slot_rows, first_rows + key)
+        else:
+            scores = self._from_links(self.knowledge, states, key)
+        scores = scores - self.shift.view(-1)[model][:, None]
+        if "deviation" in self._buffers:
+            scores = scores / self.deviation.view(-1)[model][:, None]
+        if "knots" in self._buffers:
+            knots = self.knots.view(-1, self.knots.shape[-1])[model]
+            heights = self.heights.view(-1, self.heights.shape[-1])[model]
+            scores = interpolated(scores, knots, heights)
+        is_dropped = (table == key[:, None]) & self.dropped.view(-1)[slot_rows]
+        scores = torch.where(is_dropped, self.itself.view(-1)[model][:, None], scores)
+        # The zero rows give -shift, not 0, so scores of E are set here.
+        is_empty = (table == self.num_entities) | (key == self.num_entities)[:, None]
+        if self.knowledge is not None:
+            # Factors of the empty model are zeros; links were scored by another model.
+            is_empty = is_empty | (model == self.num_models)[:, None]
+        return scores.masked_fill(is_empty, 0)
 
-    def _from_table(
-        self,
-        table: Tensor,
-        key: Tensor,
-        model: Tensor | None,
-    ) -> Tensor:
-        # Models lie one below the other in one long table, and the key's row in it is
-        # `width * model + key`. So a single `index_select` on the flat view reads all scores.
-        width = self.num_entities + 1
-        rows = key if model is None else key + width * model
-        cells = torch.add(table, rows[:, None], alpha=width)
-        return self.scores.view(-1).index_select(0, cells.reshape(-1)).view(cells.shape)
-
-    def _from_links(
-        self,
-        table: Tensor,
-        key: Tensor,
-        model: Tensor | None,
-    ) -> Tensor:
-        knowledge = self.knowledge
-        assert knowledge is not None
-        # The empty model has the last number, and no lists: another model computes scores, which
-        # the next step sets to 0.
-        last = knowledge.num_models - 1
-        models = torch.zeros_like(key) if model is None else model.clamp(max=last)
+    def _from_links(self, knowledge: RecipeKnowledge, states: States, key: Tensor) -> Tensor:
+        """Return raw scores (B, A) of slots and keys by neighbour lists."""
+        table = states.table
+        models, _ = self.counted_models(states)
 
         def compute(rows: Rows) -> Tensor:
             return knowledge.slot_scores(self.relation, key[rows], table[rows], models[rows])
@@ -228,58 +220,12 @@ class PairSource(FoldedSource):
         # A slot's score with the goal is the same before and after the first action.
         return self.kept.scores((key, table, models), compute, table.shape[1:])
 
-    def _from_factors(
-        self,
-        table: Tensor,
-        key: Tensor,
-        model: Tensor | None,
-    ) -> Tensor:
-        slot_rows = table
-        key_rows = key
-        if model is not None:  # rows of all models one below the other, as above
-            first_row = (self.num_entities + 1) * model
-            slot_rows = table + first_row[:, None]
-            key_rows = key + first_row
+    def _from_factors(self, slot_rows: Tensor, key_rows: Tensor) -> Tensor:
+        """Return raw scores (B, A) by the rows of slots (B, A) and keys (B,) in the factors."""
         left_rows = self.left.flatten(0, -2).index_select(0, slot_rows.reshape(-1))
         right = self.right.flatten(0, -2)[key_rows]
         # One small product for each state: (A, m) by (m, 1).
-        return torch.bmm(left_rows.view(*table.shape, -1), right[:, :, None])[:, :, 0]
-
-    def _scaled(
-        self,
-        scores: Tensor,
-        table: Tensor,
-        key: Tensor,
-        model: Tensor | None,
-    ) -> Tensor:
-        """Return raw scores (B, A) of slots and keys on the common scale, 0 where one is empty."""
-        nothing = self.num_entities
-        shift = self.shift
-        itself = self.itself
-        slot_rows = table
-        if model is not None:
-            shift = shift[model][:, None]
-            itself = itself[model][:, None]
-            slot_rows = table + ((nothing + 1) * model)[:, None]
-        scores = scores - shift
-        if "deviation" in self._buffers:
-            deviation = self.deviation
-            scores = scores / (deviation if model is None else deviation[model][:, None])
-        if "knots" in self._buffers:
-            # As above, the knots of all models one below the other.
-            first_knots = torch.zeros_like(key) if model is None else model
-            knots, heights = (
-                part.view(-1, part.shape[-1])[first_knots] for part in (self.knots, self.heights)
-            )
-            scores = interpolated(scores, knots, heights)
-        is_dropped = (table == key[:, None]) & self.dropped.view(-1)[slot_rows]
-        scores = torch.where(is_dropped, itself, scores)
-        # The zero rows give -shift, not 0, so scores of E are set here.
-        is_empty = (table == nothing) | (key == nothing)[:, None]
-        if self.knowledge is not None and model is not None:
-            # Factors of the empty model are zeros; links were scored by another model.
-            is_empty = is_empty | (model == self.knowledge.num_models)[:, None]
-        return scores.masked_fill(is_empty, 0)
+        return torch.bmm(left_rows.view(*slot_rows.shape, -1), right[:, :, None])[:, :, 0]
 
 
 class CombinesWith(PairSource):
@@ -292,12 +238,6 @@ class CombinesWith(PairSource):
 
     label = U
     relation = COMBINES_WITH
-
-    @classmethod
-    def of_scorer(  # noqa: D102 - inherited
-        cls, scorer: TripleScorer, view: ScoreView
-    ) -> "CombinesWith":
-        return cls.of_pairs(scorer, view, self_edges=view.self_edges)
 
     def forward(self, states: States) -> Tensor:  # noqa: D102 - inherited
         return states.mean_over_selection(
@@ -313,13 +253,6 @@ class ComponentOf(PairSource):
 
     label = V
     relation = COMPONENT_OF
-
-    @classmethod
-    def of_scorer(  # noqa: D102 - inherited
-        cls, scorer: TripleScorer, view: ScoreView
-    ) -> "ComponentOf":
-        # The setting `self_edges` is about combinesWith alone; here all scores are kept.
-        return cls.of_pairs(scorer, view)
 
     def forward(self, states: States) -> Tensor:  # noqa: D102 - inherited
         return self.with_key(states, states.goal)
@@ -356,30 +289,12 @@ def _check_scaling(constants: Mapping[str, Tensor]) -> None:
             raise ValueError("knots are not two or more numbers in ascending order")
 
 
-def _without_each_fold(
-    folded: CrossFitted,
-    relation: int,
-    view: ScoreView,
-) -> list[dict[str, Tensor]]:
-    """Return the buffers of the model without each fold; LeakError if one has seen its fold."""
-    assert view.tasks is not None
-    constants = []
-    for fold in range(folded.count):
-        # Observed self edges are those of this model's own training triples.
-        trained_on = folded.trained_on(fold, view.tasks.graph)
-        own_view = replace(view, observed=trained_on)
-        constants.append(_constants(folded.left_out(fold), relation, own_view))
-    return constants
-
-
-def _stacked(
-    main_constants: dict[str, Tensor], without_folds: list[dict[str, Tensor]]
-) -> dict[str, Tensor]:
-    """Stack buffers along a first axis: the whole model's, the folds', and zeros for no model."""
+def _stacked(by_model: list[dict[str, Tensor]]) -> dict[str, Tensor]:
+    """Stack the models' buffers along a first axis, then zeros for the empty model."""
     stacked = {}
-    for name, tensor in main_constants.items():
-        fold_constants = [constants[name] for constants in without_folds]
-        stacked[name] = torch.stack([tensor, *fold_constants, torch.zeros_like(tensor)])
+    for name, tensor in by_model[0].items():
+        tensors = [constants[name] for constants in by_model]
+        stacked[name] = torch.stack([*tensors, torch.zeros_like(tensor)])
     return stacked
 
 
@@ -401,7 +316,7 @@ def _constants(
         table[:-1, :-1] = scores.detach().cpu().T
         return {"scores": table}
     constants = sampled_scaling(scorer, relation, view.scale, **settings).tensors()
-    if not isinstance(whole_of(scorer), RecipeScorer):
+    if not isinstance(scorer, RecipeScorer):
         assert isinstance(scorer, FactoredScorer)
         left_factors, right = (part.detach().cpu() for part in scorer.factors(relation))
         # Divided once here, not at each score.
@@ -425,9 +340,7 @@ class GoalTable(ComponentOf):
     scores_of: ClassVar[Callable[[tuple[str, ...]], Any]]
 
     @classmethod
-    def of_scorer(  # noqa: D102 - inherited
-        cls, scorer: TripleScorer, view: ScoreView
-    ) -> "GoalTable":
+    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> Self:  # noqa: D102 - inherited
         size = len(scorer.entities)
         rows = cls.scores_of(scorer.entities)
         try:
@@ -444,7 +357,7 @@ class GoalTable(ComponentOf):
         # As scores of componentOf, on the same scale; combinesWith is not read.
         tables = torch.stack([torch.zeros_like(by_entity), by_entity])
         table = TableScorer(tables, scorer.entities, scorer.graph_hash)
-        return cls.of_pairs(table, replace(view, tasks=None, without_tables=False))
+        return super().of_scorer(table, replace(view, tasks=None, without_tables=False))
 
 
 class SetTable(Source):

@@ -20,7 +20,6 @@ from wordcraft_kg.models.policies.sources import W
 from wordcraft_kg.models.policies.sources.source import (
     Evidence,
     FoldedSource,
-    KeptScores,
     Rows,
     ScoreView,
     knowledge_of_models,
@@ -112,9 +111,8 @@ class BestSet(FoldedSource):
         fold_of_recipe: Tensor | None = None,
     ):
         """Take one model or more, and each recipe's fold if there are folds."""
-        super().__init__(num_entities, fold_of_recipe)
+        super().__init__(num_entities, fold_of_recipe, len(models))
         self.models = tuple(models)
-        self.kept = KeptScores()
         self._sets = lru_cache(_MOST_TABLES)(self.sets_of_table)
         for number, model in enumerate(models):
             for name, tensor in model.tensors().items():
@@ -123,8 +121,9 @@ class BestSet(FoldedSource):
 
     @classmethod
     def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> Self:  # noqa: D102 - inherited
-        models = [model for model in models_of(scorer, view) if isinstance(model, SetScorer)]
-        return cls(len(scorer.entities), models, cls.fold_numbers(scorer, view)).bound(view)
+        models = [model for model, _ in models_of(scorer, view)]
+        set_models = [model for model in models if isinstance(model, SetScorer)]
+        return cls(len(scorer.entities), set_models, cls.fold_numbers(scorer, view)).bound(view)
 
     @classmethod
     def restored(  # noqa: D102 - inherited
@@ -132,7 +131,7 @@ class BestSet(FoldedSource):
     ) -> Self:
         labels = [str(entity) for entity in range(num_entities)]
         models: list[SetScorer] = []
-        for number in range((cls.num_folds(constants) or 0) + 1):
+        for number in range(cls.num_stored(constants)):
             stored = with_prefix(constants, _buffer_name(number, ""))
             tensors = {name.replace("-", "."): tensor for name, tensor in stored.items()}
             if models:
@@ -148,11 +147,7 @@ class BestSet(FoldedSource):
         return _buffer_name(0, "recipes") in constants
 
     def forward(self, states: States) -> Tensor:  # noqa: D102 - inherited
-        model = self.model_of(states.task)
-        if model is None:
-            model = torch.zeros_like(states.goal)
-        counts = model < len(self.models)
-        model = model.clamp(max=len(self.models) - 1)
+        model, counts = self.counted_models(states)
         inputs = [states.goal, states.selection.sort(-1).values, states.table, model]
         inputs += self.attempts(states)
 
@@ -259,11 +254,8 @@ class BestRecipe(FoldedSource):
         fold_of_recipe: Tensor | None = None,
     ):
         """Take the knowledge of one model or more, and each recipe's fold if there are folds."""
-        super().__init__(num_entities, fold_of_recipe)
+        super().__init__(num_entities, fold_of_recipe, knowledge.num_models)
         self.knowledge = knowledge
-        self.kept = KeptScores()
-        # Other weights give other scores.
-        self.register_load_state_dict_post_hook(self.kept.forget)
 
     @classmethod
     def of_scorer(  # noqa: D102 - inherited
@@ -292,32 +284,18 @@ class BestRecipe(FoldedSource):
     ) -> FoldedSource:
         if BestSet.is_stored(constants):
             return BestSet.restored(num_entities, constants)
-        models = (cls.num_folds(constants) or 0) + 1
-        knowledge = RecipeKnowledge(with_prefix(constants, "knowledge."), num_entities, models)
+        tensors = with_prefix(constants, "knowledge.")
+        knowledge = RecipeKnowledge(tensors, num_entities, cls.num_stored(constants))
         return cls(num_entities, knowledge, constants.get("fold_of_recipe"))
 
-    @classmethod
-    def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited
-        return 0  # no table of pairs
-
-    def _models(self, states: States) -> tuple[Tensor, Tensor]:
-        """Return the model that scores each state, and whether its scores count, (B,) each."""
-        model = self.model_of(states.task)
-        if model is None:
-            model = torch.zeros_like(states.goal)
-        # The empty model of tasks without an out-of-sample model has the last number, and no
-        # arrays: another model computes its scores, which do not count.
-        num_models = self.knowledge.num_models
-        return model.clamp(max=num_models - 1), model < num_models
-
     def scores_of_pairs(self, states: States) -> Tensor:  # noqa: D102 - inherited
-        models, counts = self._models(states)
+        models, counts = self.counted_models(states)
         return self._kept_pair_scores(states, models).masked_fill(~counts[:, None, None], 0)
 
     def forward(self, states: States) -> Tensor:  # noqa: D102 - inherited
         selection, table = states.selection, states.table
         nothing = self.num_entities
-        models, counts = self._models(states)
+        models, counts = self.counted_models(states)
         scores = self._kept_pair_scores(states, models)
         is_first = selection == nothing
         # First action: the best partner on the table.
@@ -336,10 +314,9 @@ class BestRecipe(FoldedSource):
         return best.masked_fill((table == nothing) | ~counts[:, None], 0)
 
     def evidence(self, states: States) -> tuple[Evidence | None, ...]:  # noqa: D102 - inherited
-        goal, selection, table, task, _ = states
-        models = self.model_of(task)
-        model = 0 if models is None else int(models)
-        if model == self.knowledge.num_models:  # the empty model
+        goal, selection, table, *_ = states
+        model = int(self.model_of(states))
+        if model == self.num_models:  # the empty model
             return (None,) * table.shape[1]
         if int(selection) == self.num_entities:
             scores = self._kept_pair_scores(states, torch.full_like(goal, model))

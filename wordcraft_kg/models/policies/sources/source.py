@@ -4,7 +4,7 @@ import threading
 from abc import ABC, abstractmethod
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -276,14 +276,26 @@ class FoldedSource(Source):
         model_of_task: model number for each of N tasks, then 0 for unlisted tasks, shape (N + 1,).
             Not saved, because the numbers belong to the tasks of :meth:`bind`, not to the policy.
         bound_to: hash of these tasks; empty before :meth:`bind`.
+        num_models: number of models but for the empty one of tasks without an out-of-sample model.
+        kept: scores of states that recur.
     """
 
     fold_of_recipe: Tensor
     model_of_task: Tensor
 
-    def __init__(self, num_entities: int, fold_of_recipe: Tensor | None):
-        """Take each recipe's fold, shape (num_recipes,); None for a single model."""
+    def __init__(self, num_entities: int, fold_of_recipe: Tensor | None, num_models: int = 1):
+        """Prepare a source with one model or more.
+
+        Args:
+            num_entities: E.
+            fold_of_recipe: shape (num_recipes,); None for a single model.
+            num_models: number of models that have arrays of their own.
+        """
         super().__init__(num_entities)
+        self.num_models = num_models
+        self.kept = KeptScores()
+        # Other weights give other scores.
+        self.register_load_state_dict_post_hook(self.kept.forget)
         self.reads_task = fold_of_recipe is not None
         if fold_of_recipe is not None:
             self.register_buffer("fold_of_recipe", fold_of_recipe)
@@ -293,23 +305,23 @@ class FoldedSource(Source):
         self.bound_to = ""
 
     @staticmethod
-    def num_folds(constants: Mapping[str, Tensor]) -> int | None:
-        """Return the number of left-out folds in saved buffers; None for a single model.
+    def num_stored(constants: Mapping[str, Tensor]) -> int:
+        """Return the number of models in saved buffers: on all folds, and without each fold.
 
         Raises:
             ValueError: if the saved folds have an unexpected type or shape, or a number below -1.
         """
         if "fold_of_recipe" not in constants:
-            return None
+            return 1
         check_tensors(constants, {"fold_of_recipe": "recipes int64"})
         fold_of_recipe = constants["fold_of_recipe"]
         # Without tasks there were no models of folds.
         if not len(fold_of_recipe):
-            return None
+            return 1
         # Recipes outside train have the number -1.
         if int(fold_of_recipe.min()) < -1:
             raise ValueError(f"fold_of_recipe has the number {int(fold_of_recipe.min())}")
-        return int(fold_of_recipe.max()) + 1
+        return int(fold_of_recipe.max()) + 2
 
     @staticmethod
     def fold_numbers(scorer: TripleScorer, view: ScoreView) -> Tensor | None:
@@ -362,50 +374,54 @@ class FoldedSource(Source):
         self.model_of_task = torch.from_numpy(np.append(models, 0)).to(self.fold_of_recipe.device)
         self.bound_to = tasks.hash
 
-    def model_of(self, task: Tensor | None) -> Tensor | None:
-        """Return the number of the model that scores each state.
-
-        Args:
-            task: shape (B,), int64, as in :class:`States`; None for tasks without train recipes.
+    def model_of(self, states: States) -> Tensor:
+        """Return the number of the model that scores each of B states.
 
         Returns:
-            shape (B,), int64; None if the model of all train recipes scores all states.
+            shape (B,), int64; 0, the model of all train recipes, for tasks without train recipes.
 
         Raises:
             LeakError: before :meth:`bind`, because a model trained on the task's recipes could
                 score it.
             IndexError: for a number without a task.
         """
-        if task is None or not self.reads_task:
-            return None
+        if states.task is None or not self.reads_task:
+            return torch.zeros_like(states.goal)
         if not self.bound_to:
             raise LeakError(
                 f"source '{self.name}' has a model per fold and needs the tasks to choose an "
                 "out-of-sample model: call `bind` first, for example with `world.tasks`."
             )
-        return self.model_of_task.index_select(0, task)
+        return self.model_of_task.index_select(0, states.task)
+
+    def counted_models(self, states: States) -> tuple[Tensor, Tensor]:
+        """Return the model that scores each state, and whether its scores count, (B,) each."""
+        model = self.model_of(states)
+        # The empty model of tasks without an out-of-sample model has the last number, and no
+        # arrays: another model computes its scores, which do not count.
+        return model.clamp(max=self.num_models - 1), model < self.num_models
 
 
-def models_of(scorer: TripleScorer, view: ScoreView) -> list[TripleScorer]:
+def models_of(scorer: TripleScorer, view: ScoreView) -> list[tuple[TripleScorer, ScoreView]]:
     """Return a scorer's model of all recipes, then those without each fold that tasks need.
 
     Of a cross-fitted scorer, if ``view`` has tasks to score: K + 1 models, on all folds and without
-    each fold.
+    each fold. Each comes with its view, whose observed triples are its own training triples.
 
     Args:
         scorer: a scorer, cross-fitted or not.
-        view: the tasks to score.
+        view: the tasks to score, and the training triples of the model of all recipes.
 
     Raises:
         LeakError: if a left-out model was trained on other recipes than its folds say.
         GraphMismatchError: if the tasks' graph has another number of recipes than the scorer's.
     """
-    models = [whole_of(scorer)]
+    models = [(whole_of(scorer), view)]
     folded = folds_of(scorer)
     if folded is not None and view.tasks is not None:
         for fold in range(folded.count):
-            folded.trained_on(fold, view.tasks.graph)  # raises LeakError
-            models.append(folded.left_out(fold))
+            observed = folded.trained_on(fold, view.tasks.graph)
+            models.append((folded.left_out(fold), replace(view, observed=observed)))
     return models
 
 
@@ -416,7 +432,8 @@ def knowledge_of_models(scorer: TripleScorer, view: ScoreView) -> RecipeKnowledg
         scorer: a recipe scorer, cross-fitted or not.
         view: the tasks to score, as for :func:`models_of`, whose errors it raises.
     """
-    recipe_models = [model for model in models_of(scorer, view) if isinstance(model, RecipeScorer)]
+    models = [model for model, _ in models_of(scorer, view)]
+    recipe_models = [model for model in models if isinstance(model, RecipeScorer)]
     # Stacked even if alone, because moving a module moves its tensors in place.
     return RecipeKnowledge.stacked([model.knowledge for model in recipe_models]).cpu()
 

@@ -9,6 +9,7 @@ import hashlib
 import re
 import secrets
 import time
+from collections import Counter
 from collections.abc import Awaitable, Callable, Collection, Mapping
 from typing import Any
 from urllib.parse import parse_qsl
@@ -195,8 +196,13 @@ class _Server:
         tasks = self.study.tasks(person.cell)
         if len(answers) == len(tasks):
             return _to(f"/s/{code}/end")
-        most = self.study.protocol(person.cell).most_picks
-        return self._page("introduction", code=code, given=len(answers), tasks=tasks, most=most)
+        return self._page(
+            "introduction",
+            code=code,
+            given=len(answers),
+            tasks=tasks,
+            most=self.study.protocol(person.cell).most_picks,
+        )
 
     def task(self, request: Request, _: Form, code: str, person: Participant) -> Response:
         tasks = self.study.tasks(person.cell)
@@ -254,9 +260,7 @@ class _Server:
         if not slots:
             return present_task
         # After a restart, the clock may begin before the time of showing.
-        seconds = max(time - shown, 0.0)
-        answer = protocol.answer(task, slots, seconds)
-        self.answers.add(person, answer)
+        self.answers.add(person, protocol.answer(task, slots, max(time - shown, 0.0)))
         return self._after(code, tasks, number)
 
     def _after(self, code: str, tasks: tuple[PosedTask, ...], place: int) -> Response:
@@ -293,15 +297,16 @@ class _Server:
         answers = self.answers.answers_of(person)
         if len(answers) < len(self.study.tasks(person.cell)):
             return _to(f"/s/{code}/task")
-        correct = {}
-        for part in HUMAN_PARTS:
-            successes = [answer.success for answer in answers if answer.part == part]
-            correct[part] = (sum(successes), len(successes))
-        return self._page("end", code=code, correct=correct)
+        correct = Counter(answer.part for answer in answers if answer.success)
+        tasks = self.study.record.tasks
+        return self._page(
+            "end", code=code, correct={part: (correct[part], tasks) for part in HUMAN_PARTS}
+        )
 
     def _page(self, name: str, status: int = 200, **values: Any) -> Response:
-        page = self._render(name, **values)
-        return Response(page, status, media_type="text/html", headers=PRIVATE)
+        return Response(
+            self._render(name, **values), status, media_type="text/html", headers=PRIVATE
+        )
 
     def _render(self, name: str, **values: Any) -> str:
         return self.environment.get_template(f"{name}.html.j2").render(**values)

@@ -14,7 +14,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-from itertools import compress, pairwise
+from itertools import chain, compress, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from wordcraft_kg.graphs.arrays import (
     frozen,
     row_keys,
     sorted_unique,
+    stacked,
     without_empty_columns,
 )
 from wordcraft_kg.graphs.recipes import (
@@ -456,6 +457,20 @@ class RecipeGraph:
         rows = np.minimum(rows, max(len(graph_keys) - 1, 0))
         is_known = graph_keys[rows] == keys if len(graph_keys) else np.zeros(len(keys), dtype=bool)
         return np.where(is_known, rows, -1)
+
+    def rows_of_labels(self, recipes: Sequence[Sequence[str]]) -> Ids:
+        """Return the row of each recipe in :attr:`sets`, or -1 for a recipe that is not there.
+
+        Args:
+            recipes: n recipes (*ingredients, result) by labels, ingredients in any order.
+
+        Raises:
+            KeyError: if a label is no entity.
+        """
+        ids = self.ids_of(chain.from_iterable(recipes))
+        rows = stacked(ids, list(map(len, recipes)), self.num_entities)
+        rows[:, :-1].sort(axis=1)
+        return self.rows_of(rows)
 
     def recipes_of(self, result: Entity) -> Ids:
         """Return the row indices of recipes that make ``result``, ascending.

@@ -14,7 +14,6 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
-from itertools import chain
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -47,7 +46,6 @@ from wordcraft_kg.graphs.arrays import (
     different_ingredients,
     frozen,
     json_recipes,
-    stacked,
 )
 from wordcraft_kg.graphs.book_files.files import MAX_BOOK_SIZE, without_repeated_keys
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -542,13 +540,9 @@ def _rows_of(graph: RecipeGraph, recipes: Sequence[Sequence[str]]) -> Ids:
         KeyError: if the graph has no such recipe; names it.
         TypeError: if it is not two labels or more.
     """
-    lengths = list(map(len, recipes))
-    if min(lengths, default=2) < 2:
+    if min(map(len, recipes), default=2) < 2:
         raise TypeError("a recipe is at least one ingredient and a result")
-    labels = chain.from_iterable(recipes)
-    rows_of_ids = stacked(graph.ids_of(labels), lengths, graph.num_entities)
-    rows_of_ids[:, :-1].sort(axis=1)
-    rows = graph.rows_of(rows_of_ids)
+    rows = graph.rows_of_labels(recipes)
     unknown = np.flatnonzero(rows < 0)
     if len(unknown):
         raise KeyError(Recipe.of(*recipes[unknown[0]]))
@@ -830,10 +824,7 @@ def _rows(graph: RecipeGraph, entries: list[tuple[str, ...]]) -> tuple[Ids, int]
     known_entries = [labels for labels in short if all(label in graph for label in labels)]
     results = [labels[0] for labels in known_entries if len(labels) == 1]
     recipes = [labels for labels in known_entries if len(labels) > 1]
-    ids = graph.ids_of(label for labels in recipes for label in labels)
-    table = stacked(ids, list(map(len, recipes)), graph.num_entities)
-    table[:, :-1].sort(axis=1)
-    rows_of_recipes = graph.rows_of(table)
+    rows_of_recipes = graph.rows_of_labels(recipes)
     rows_of_results = [graph.recipes_of(result) for result in results]
     unknown = len(entries) - len(known_entries) + int(np.sum(rows_of_recipes < 0))
     unknown += sum(not len(rows) for rows in rows_of_results)

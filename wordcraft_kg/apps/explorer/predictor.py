@@ -191,10 +191,9 @@ class Slot:
         """Return an entity's filtered rank."""
         # An entity with a true link competes with all others that have none, and is a candidate
         # itself.
-        competitors = int(self.competes.sum())
-        candidates = competitors + int(not self.competes[entity])
-        rank = self.ranks(np.array([entity]))[0]
-        return FilteredRank(float(rank), candidates)
+        candidates = int(self.competes.sum()) + int(not self.competes[entity])
+        (rank,) = self.ranks(np.array([entity])).tolist()
+        return FilteredRank(rank, candidates)
 
 
 @dataclass(frozen=True)
@@ -290,14 +289,7 @@ class LinkPredictor:
         part[true[:, answer]] = self.split.part_of(true)
         learned = np.zeros(size, dtype=bool)
         learned[self.evidence.ends(entity, relation, side)] = True
-        return Slot(
-            entity=entity,
-            relation=relation,
-            side=side,
-            scores=scores,
-            part=part,
-            learned=learned,
-        )
+        return Slot(entity, relation, side, scores, part, learned)
 
     def ranked(self, slot: Slot, entity: int) -> RankedLink:
         """Return score and rank for the link with an entity in an open slot."""
@@ -355,10 +347,6 @@ class LinkPredictor:
         rows = zip(triples.tolist(), entities.tolist(), ranks, parts, chances, strict=True)
         for triple, entity, rank, part, chance in rows:
             learned = bool(slot.learned[entity])
-            reason = None
-            if witnesses:
-                head, relation, tail = triple
-                reason = self.evidence.reason(head, relation, tail, witnesses)
             yield PredictedEntity(
                 rank=float(rank),
                 entity=self.graph.entities[entity],
@@ -368,7 +356,7 @@ class LinkPredictor:
                 # Calibrated on links outside the training data, so it says nothing about training
                 # links.
                 probability=None if learned else chance,
-                reason=reason,
+                reason=self.evidence.reason(*triple, witnesses) if witnesses else None,
             )
 
 

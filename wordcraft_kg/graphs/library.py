@@ -81,21 +81,14 @@ def with_made_up_words(book: RecipeBook, seed: int = 0) -> RecipeBook:
     rng = np.random.default_rng([seed, *digest])
     invented: set[str] = set()
     while len(invented) < len(words):
-        word = _word(rng)
-        if word not in words:
-            invented.add(word)
+        invented |= {_word(rng)} - words
     # Both sorted: the n-th word in the alphabet becomes the n-th invented word.
     replacement = dict(zip(ordered_words, sorted(invented), strict=True))
 
     def renamed(label: str) -> str:
         return re.sub(r"\S+", lambda word: replacement[word[0]], label)
 
-    recipe_of: dict[Recipe, Recipe] = {}
-    for recipe in book.recipes:
-        recipe_of[recipe] = Recipe.of(*map(renamed, recipe))
-    base = None
-    if book.base is not None:
-        base = tuple(sorted(map(renamed, book.base)))
+    recipe_of = {recipe: Recipe.of(*map(renamed, recipe)) for recipe in book.recipes}
     hash_of_book = None
     if book.sha256 is not None:
         # Another book than the original, so another hash; the same for the same original and seed.
@@ -106,7 +99,7 @@ def with_made_up_words(book: RecipeBook, seed: int = 0) -> RecipeBook:
         book,
         name=f"{prefix}-{book.name}",
         recipes=tuple(sorted(recipe_of.values())),
-        base=base,
+        base=None if book.base is None else tuple(sorted(map(renamed, book.base))),
         idle=tuple(sorted(map(renamed, book.idle))),
         sha256=hash_of_book,
         kinds={recipe_of[recipe]: kind for recipe, kind in book.kinds.items()},

@@ -542,16 +542,10 @@ def note_of_numbers(labels: Collection[str]) -> list[str]:
 
     One label is enough if it stands beside the label without the number.
     """
-    label_set = set(labels)
-    numbered = []
-    beside = []
-    for label in labels:
-        counted_label = count_in(label)
-        if counted_label:
-            numbered.append(label)
-            if counted_label[0] in label_set:
-                beside.append(label)
-    if not beside and len(numbered) <= _CLEAR * len(label_set):
+    counts = {label: count_in(label) for label in labels}
+    numbered = [label for label, count in counts.items() if count]
+    beside = [label for label, count in counts.items() if count and count[0] in counts]
+    if not beside and len(numbered) <= _CLEAR * len(counts):
         return []
     example = _quoted(min(beside or numbered))
     also = " beside the label without it" if beside else ""

@@ -9,6 +9,7 @@ reading that does. A reading that the user names is taken at their word.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
 
 from wordcraft_kg.base.errors import RecipeFileError
@@ -49,7 +50,7 @@ def share_of_reused(recipes: Iterable[tuple[Iterable[str], str]]) -> float:
     recipes = list(recipes)
     results = {result for _, result in recipes}
     reused_labels = {part for parts, result in recipes for part in parts if part != result}
-    return len(results & reused_labels) / len(results) if results else 0.0
+    return len(results & reused_labels) / max(len(results), 1)
 
 
 @dataclass
@@ -141,8 +142,8 @@ class ReadingCandidate:
 
     def __str__(self) -> str:
         first = self.rows[0]
-        sum_of = " + ".join(label[:40] for label in first.ingredients[:8])
-        return f"{sum_of} = {first.result[:40]} ({self.command})"
+        parts = " + ".join(label[:40] for label in first.ingredients[:8])
+        return f"{parts} = {first.result[:40]} ({self.command})"
 
     @cached_property
     def labels_used(self) -> set[str]:
@@ -188,7 +189,7 @@ def choose(
     documented = complete or documented
     named_readings = [reading for reading in documented if reading.way.is_named] or documented
     # Equal shares leave the more certain reading in front.
-    best = max(named_readings, key=lambda reading: reading.share, default=None)
+    best = max(named_readings, key=attrgetter("share"), default=None)
     is_sure = best is not None and best.way.is_named and not best.way.by_place
     if best is None or not is_sure or best.share <= LEAST_REUSED:
         readable += [reading for reading in guesses if reading.rows]
@@ -212,14 +213,10 @@ def choose(
             reading
             for reading in different_readings
             if reading.contradictions < best.contradictions
+            and not reading.way.is_documented
+            and len(reading.results & best.labels_used) * 2 > reading.num_made
+            and reading.is_clean
         ]
-        odd = [reading for reading in odd if not reading.way.is_documented]
-        odd = [
-            reading
-            for reading in odd
-            if len(reading.results & best.labels_used) * 2 > reading.num_made
-        ]
-        odd = [reading for reading in odd if reading.is_clean]
         if odd:
             raise _several(path, "two readings fit", [best, *odd], anchor)
     rivals = [
@@ -274,18 +271,18 @@ def _undocumented(
         if reading.folded_share > max(LEAST_REUSED, 1 / reading.num_made)
     ]
     ways = ways or [reading for reading in clean if reading.way.is_order]
-    if ways:
-        # Of several orders of the same labels, the least odd ones.
-        min_contradictions = min(reading.contradictions for reading in ways)
-        ways = [reading for reading in ways if reading.contradictions == min_contradictions]
-        problem = "no key or column is a documented word for a result and its ingredients"
-        raise _several(path, problem, ways, anchor)
-    faulty = (
-        reading
-        for reading in candidates
-        if any(isinstance(e, Row | Fault) for e in reading.entries)
-    )
-    return next(faulty, None)
+    if not ways:
+        faulty = (
+            reading
+            for reading in candidates
+            if any(isinstance(entry, Row | Fault) for entry in reading.entries)
+        )
+        return next(faulty, None)
+    # Of several orders of the same labels, the least odd ones.
+    min_contradictions = min(reading.contradictions for reading in ways)
+    ways = [reading for reading in ways if reading.contradictions == min_contradictions]
+    problem = "no key or column is a documented word for a result and its ingredients"
+    raise _several(path, problem, ways, anchor)
 
 
 def _loose(

@@ -148,11 +148,10 @@ class RecipeGraph:
         if labels is None:
             base_ids = absent(recipes[:, -1], len(entities))
         else:
-            unknown = [label for label in labels if label not in index]
-            if unknown:
-                first = unknown[0]
-                hint = nearest(first, entities)
-                raise UnknownEntityError(f"base entity '{first}' is not in {book.name}.{hint}")
+            for label in labels:
+                if label not in index:
+                    hint = nearest(label, entities)
+                    raise UnknownEntityError(f"base entity '{label}' is not in {book.name}.{hint}")
             base_ids = np.array([index[label] for label in labels], dtype=np.int64)
         graph = cls(entities, recipes, base_ids, book.name)
         graph.base_is_inferred = labels is None
@@ -160,8 +159,9 @@ class RecipeGraph:
         if book.kinds:
             graph.kinds = tuple(book.kinds.get(recipe, "") for recipe in graph.recipe_labels())
         if book.quantities:
-            numbers_of = book.quantities
-            graph.quantities = tuple(numbers_of.get(recipe, "") for recipe in graph.recipe_labels())
+            graph.quantities = tuple(
+                book.quantities.get(recipe, "") for recipe in graph.recipe_labels()
+            )
         return graph
 
     def part(self, is_chosen: NDArray[np.bool_]) -> "RecipeGraph":

@@ -183,12 +183,11 @@ def check_book(
         _plurals(graph, line_of),
         _lonely(graph, line_of),
     )
-    mended = replace(book, base=None if base_labels is None else graph.base, reading=reading)
     return BookCheck(
         findings=_sorted(findings),
         figures=book_figures(graph),
         graph=graph,
-        book=mended,
+        book=replace(book, base=None if base_labels is None else graph.base, reading=reading),
         reading=reading,
         places={recipe: places[0] for recipe, places in lines_of.items()},
         lost=_lost(rows, lines_of),
@@ -237,8 +236,7 @@ def _read_rows(
         message = first.message
         if further_faults:
             message = f"{message} ({len(further_faults):,} more like this)"
-        lines = _numbers(fault.place for fault in alike)
-        findings.append(_problem(kind, message, lines))
+        findings.append(_problem(kind, message, _numbers(fault.place for fault in alike)))
     findings += _repeated(lines_of)
     # As often as in the file: the book counts repetitions.
     every = chain.from_iterable([recipe] * len(places) for recipe, places in lines_of.items())
@@ -281,11 +279,11 @@ def _lost(rows: BookRows, lines_of: Mapping[Recipe, Sequence[Place]]) -> dict[st
 def _inferred_base(graph: RecipeGraph) -> Iterator[Finding]:
     if graph.base_is_inferred and graph.base:
         entities = counted(len(graph.base), "entity", "entities")
-        message = (
+        yield _note(
+            "base",
             f"no base is named, so the base is the {entities} without a recipe. Name the base: "
-            f"# base: {csv_line(graph.base, ',').strip()}"
+            f"# base: {csv_line(graph.base, ',').strip()}",
         )
-        yield _note("base", message)
 
 
 def _repeated(lines_of: Mapping[Recipe, Sequence[Place]]) -> Iterator[Finding]:
@@ -395,20 +393,21 @@ def _inside(graph: RecipeGraph) -> Iterator[Finding]:
         row, larger = next(iter(inside.items()))
         small, large = graph.recipe_labels(graph.sets[[row, larger]])
         subject = counted(len(inside), "recipe")
-        message = (
+        yield _note(
+            "inside",
             f"{subject} with a part of the ingredients of another recipe for the same result, such "
-            f"as {small} beside {large}; both stay"
+            f"as {small} beside {large}; both stay",
         )
-        yield _note("inside", message)
 
 
 def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     for labels in alike_labels(graph.entities):
         names = " and ".join(map(repr, labels))
-        message = (
-            f"{names} count as different entities; if they are the same thing, use one spelling"
+        yield _problem(
+            "spelling",
+            f"{names} count as different entities; if they are the same thing, use one spelling",
+            _at(labels, line_of),
         )
-        yield _problem("spelling", message, _at(labels, line_of))
 
 
 def _unreachable(
@@ -467,8 +466,11 @@ def _plurals(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding
             plurals.append(f"{label[:-1]}ies")
         for plural in sorted(plurals):
             if plural in graph:
-                message = f"'{label}' and '{plural}' are singular and plural of one word"
-                yield _note("plural", message, _at((label, plural), line_of))
+                yield _note(
+                    "plural",
+                    f"'{label}' and '{plural}' are singular and plural of one word",
+                    _at((label, plural), line_of),
+                )
 
 
 def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
@@ -476,8 +478,11 @@ def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]
     lonely = graph.labels(np.flatnonzero(num_recipes == 1))
     if lonely:
         subject = counted(len(lonely), "entity", "entities")
-        message = f"{subject} in one recipe only: {_listed(lonely)}"
-        yield _note("lonely", message, _at(lonely[:LISTED], line_of))
+        yield _note(
+            "lonely",
+            f"{subject} in one recipe only: {_listed(lonely)}",
+            _at(lonely[:LISTED], line_of),
+        )
 
 
 def _listed(labels: Iterable[str]) -> str:

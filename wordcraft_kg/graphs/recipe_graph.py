@@ -214,10 +214,8 @@ class RecipeGraph:
         """
         rows: list[list[str]] = []
         for index, row in enumerate(recipes):
-            row_name = f"row {index}"
-            rows.append([check_label(label, row_name) for label in row])
-        book = RecipeBook.of(name, rows, keep_self_results=True)
-        return cls.from_book(book, base)
+            rows.append([check_label(label, f"row {index}") for label in row])
+        return cls.from_book(RecipeBook.of(name, rows, keep_self_results=True), base)
 
     # --- contents --------------------------------------------------------------------------------
 

@@ -297,8 +297,7 @@ class Split:
 
         Shape (number of train recipes,).
         """
-        is_train = self.is_in("train")
-        return frozen(groups_of(self.graph.part(is_train), self.config.kind))
+        return frozen(groups_of(self.graph.part(self.is_in("train")), self.config.kind))
 
     @property
     def unit(self) -> str:

@@ -288,8 +288,7 @@ def read_study_record(folder: Path) -> tuple[StudyRecord, str]:
             f"'{folder}' {what_is(folder)}; expected the folder that `people serve` writes."
         )
     data = read_small_file(path)
-    record = parse_record(data, StudyRecord, path)
-    return record, hashlib.sha256(data).hexdigest()
+    return parse_record(data, StudyRecord, path), hashlib.sha256(data).hexdigest()
 
 
 TableKey = tuple[int, int, str, int]

@@ -91,8 +91,13 @@ def make_study_app(
         Route("/withdrawn", server.farewell("withdrawn")),
     ]
     # Sessions, answers and withdrawals need POST: a link or a preview cannot make one.
-    router = Router(routes, redirect_slashes=False, default=server.not_found)
-    return Guard(router, host, more_hosts, server.error, methods=("GET", "HEAD", "POST"))
+    return Guard(
+        Router(routes, redirect_slashes=False, default=server.not_found),
+        host,
+        more_hosts,
+        server.error,
+        methods=("GET", "HEAD", "POST"),
+    )
 
 
 def steady_clock() -> Callable[[], float]:
@@ -169,8 +174,13 @@ class _Server:
             return self._page("first", 400, code=new_code(), problem=NOT_A_CODE, typed=typed)
         person = await run_in_threadpool(self.answers.find, code_hash(code))
         if person is None:
-            problem = "There is no session with this code."
-            return self._page("first", 404, code=new_code(), problem=problem, typed=typed)
+            return self._page(
+                "first",
+                404,
+                code=new_code(),
+                problem="There is no session with this code.",
+                typed=typed,
+            )
         return _to(f"/s/{code}")
 
     def of_person(self, reply: Reply) -> Endpoint:
@@ -221,12 +231,11 @@ class _Server:
             self.answers.show(person, task.part, task.number, self.clock())
         most_picks = self.study.protocol(person.cell).most_picks
         # Of a set, the numbers of all items so far.
-        selection = _slots(query.get("first", ""), task, max(most_picks, 1))
         return self._page(
             "task",
             code=code,
             task=task,
-            selection=selection,
+            selection=_slots(query.get("first", ""), task, max(most_picks, 1)),
             most=most_picks,
             place=place,
             all=len(tasks),

@@ -280,8 +280,12 @@ def _check_choices(path: FilePath, texts: _Texts) -> None:
             problem = (
                 f"the lists of {path_text(single)!r} may be choices of an ingredient or several"
             )
-            remedy = "Write each choice as a recipe of its own, or name columns with --columns."
-            raise refusal(path, problem, "json", remedy)
+            raise refusal(
+                path,
+                problem,
+                "json",
+                "Write each choice as a recipe of its own, or name columns with --columns.",
+            )
 
 
 def _given(document: Document, columns: Sequence[str], texts: _Texts) -> Way:

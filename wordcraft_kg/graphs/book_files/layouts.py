@@ -148,8 +148,9 @@ def _dump(path: Path, items: Sequence[Any], rows: Sequence[Sequence[int]]) -> Fi
     names = [check_label(trim_unseen(label), f"{path}: items") for label in map(str, labels)]
     for place in chain.from_iterable(rows):
         if not 0 <= place < len(names):
-            problem = f"the index {place:,} in recipes, of {len(names):,} items"
-            raise refusal(path, problem, "infinite-craft")
+            raise refusal(
+                path, f"the index {place:,} in recipes, of {len(names):,} items", "infinite-craft"
+            )
     source = FileRows(Reading(shape="a dump of Infinite Craft"), is_exact=True)
     source.listed = {name: "items" for name in names if name != NOTHING}
     if source.listed.keys() >= set(INFINITE_CRAFT_BASE):
@@ -217,8 +218,7 @@ def _parsed(name: str, data: bytes) -> Any:
         return Fault(name, "row", f"{name}: not JSON ({type(error).__name__}).", "not JSON")
     if isinstance(value, dict):
         return value
-    message = f"{name} is {shown(value)}; expected an object."
-    return Fault(name, "row", message, "not an object")
+    return Fault(name, "row", f"{name} is {shown(value)}; expected an object.", "not an object")
 
 
 def _recipes(tags: Tags, name: str, value: Any) -> tuple[list[Entry], int]:

@@ -222,8 +222,12 @@ def open_rows(path: Path, options: BookOptions) -> "BookRows":
     rows = BookRows(content, source, options)
     odd = "" if source.is_exact else odd_label(rows.whole)
     if odd:
-        remedy = "Write one label in each cell, the same in all."
-        raise refusal(path, f"{odd}, in a form that is not read", "table", remedy)
+        raise refusal(
+            path,
+            f"{odd}, in a form that is not read",
+            "table",
+            "Write one label in each cell, the same in all.",
+        )
     return rows
 
 
@@ -252,8 +256,9 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
     # Lines are often saved under the ending of a table.
     if options.delimiter is None and looks_like_lines(text, is_table=ending in ENDINGS):
         if options.columns is not None:
-            problem = "lines a + b = c, which have no columns"
-            raise refusal(path, problem, "lines", "Leave --columns out.")
+            raise refusal(
+                path, "lines a + b = c, which have no columns", "lines", "Leave --columns out."
+            )
         return read_lines(path, text, fold=fold)
     delimiter = None if options.delimiter is None else delimiter_of(options.delimiter)
     by_name = not all(column.strip().isdecimal() for column in options.columns or ["1"])

@@ -281,8 +281,9 @@ def _undocumented(
     # Of several orders of the same labels, the least odd ones.
     min_contradictions = min(reading.contradictions for reading in ways)
     ways = [reading for reading in ways if reading.contradictions == min_contradictions]
-    problem = "no key or column is a documented word for a result and its ingredients"
-    raise _several(path, problem, ways, anchor)
+    raise _several(
+        path, "no key or column is a documented word for a result and its ingredients", ways, anchor
+    )
 
 
 def _loose(
@@ -296,8 +297,12 @@ def _loose(
     if best.folded_share > LEAST_REUSED:
         return refusal(path, problem, anchor, "Labels differ in case only: --case fold joins them.")
     if not rivals and best.way.is_named and best.is_clean:
-        remedy = f"If it is right, as in chemistry or cooking, say so: {best.command}."
-        return refusal(path, problem, anchor, remedy)
+        return refusal(
+            path,
+            problem,
+            anchor,
+            f"If it is right, as in chemistry or cooking, say so: {best.command}.",
+        )
     return _several(path, problem, rivals, anchor)
 
 
@@ -311,8 +316,9 @@ def _several(
     path: Path, problem: str, readings: Sequence[ReadingCandidate], anchor: str
 ) -> RecipeFileError:
     if not readings:
-        remedy = "Name the ingredients and, last, the result with --columns."
-        return refusal(path, problem, anchor, remedy)
+        return refusal(
+            path, problem, anchor, "Name the ingredients and, last, the result with --columns."
+        )
     texts = list(dict.fromkeys(map(str, readings)))
     shown = " or ".join(texts[:_MOST_READINGS])
     return refusal(path, f"{problem}: {shown}", anchor, "Choose with --columns.")

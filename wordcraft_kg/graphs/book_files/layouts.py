@@ -232,19 +232,17 @@ def _recipes(tags: Tags, name: str, value: Any) -> tuple[list[Entry], int]:
     slots = [list(dict.fromkeys(_choices(part, tags))) for part in parts or ()]
     # One more than allowed tells that there are too many, and no product is made in full.
     choices = list(islice(_sets_of(slots), _MAX_CHOICES + 1))
-    reason = ""
-    if parts is None:
-        reason = "with a damaged pattern"
-    elif len(results) > 1:
-        reason = "with several results"
-    elif not parts or len(result_items) != 1:
-        reason = WITHOUT
-    elif not all(slots) or any(map(label_fault, chain(result_items, *slots))):
-        reason = "with an ingredient of an unknown kind"
-    elif len(choices) > _MAX_CHOICES:
-        reason = f"with more than {_MAX_CHOICES} choices of ingredients"
-    if reason:
-        return [LeftOut(name, reason)], 0
+    is_unknown = not all(slots) or any(map(label_fault, chain(result_items, *slots)))
+    faults = (
+        (parts is None, "with a damaged pattern"),
+        (len(results) > 1, "with several results"),
+        (not parts or len(result_items) != 1, WITHOUT),
+        (is_unknown, "with an ingredient of an unknown kind"),
+        (len(choices) > _MAX_CHOICES, f"with more than {_MAX_CHOICES} choices of ingredients"),
+    )
+    for is_fault, reason in faults:
+        if is_fault:
+            return [LeftOut(name, reason)], 0
     holders = [holder for holder in (*(parts or ()), *results, value) if isinstance(holder, dict)]
     dropped = sum(holder.get("count", holder.get("amount", 1)) != 1 for holder in holders)
     # Two pieces are a pair as they stand; of more pieces, the set keeps each thing once.

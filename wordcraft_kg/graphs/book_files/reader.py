@@ -171,17 +171,15 @@ def read_book(
     reading = rows.reading(book.merged_duplicates, book.dropped_self_results, entities)
     if not book.recipes:
         left_out = [f"{number:,} {reason}" for reason, number in reading.left_out.items()]
-        reason_text = ", ".join(left_out) or "no rows"
+        reasons = ", ".join(left_out) or "no rows"
         raise RecipeFileError(
-            f"{path} has no recipe to keep (read as {reading.shape}; {reason_text}). See {GUIDE}."
+            f"{path} has no recipe to keep (read as {reading.shape}; {reasons}). See {GUIDE}."
         )
-    declared = None
-    if rows.base is not None:
-        # Places in JSON are no lines; JSON checks its base when it is opened.
-        for label, line in rows.base.items():
-            if isinstance(line, int) and label not in entities:
-                raise RecipeFileError(f"{path}, line {line}: {unknown_base(label, entities)}")
-        declared = tuple(sorted(rows.base))
+    # Places in JSON are no lines; JSON checks its base when it is opened.
+    for label, line in (rows.base or {}).items():
+        if isinstance(line, int) and label not in entities:
+            raise RecipeFileError(f"{path}, line {line}: {unknown_base(label, entities)}")
+    declared = None if rows.base is None else tuple(sorted(rows.base))
     logging.getLogger(__name__).info("%s: %s", path, reading.line())
     return rows.with_facts(replace_field(book, base=declared, reading=reading))
 
@@ -377,16 +375,13 @@ class BookRows:
         if self.options.case == "fold":
             ingredients = [label.lower() for label in ingredients]
             result = result.lower()
-        if len(ingredients) == 2:
-            recipe: Recipe | Fault | LeftOut = Recipe(ingredients, result)
-        else:
-            recipe = self._set(place, ingredients, result)
-        if kind and isinstance(recipe, Recipe):
-            first_kind = self.kinds.setdefault(recipe, kind)
-            if first_kind != kind:
-                message = f"{recipe} has the kind '{kind}' here, and '{first_kind}' above."
-                return fault_at(place, "row", message)
-        if quantities and isinstance(recipe, Recipe):
+        recipe = self._set(place, ingredients, result)
+        if not isinstance(recipe, Recipe):
+            return recipe
+        if kind and self.kinds.setdefault(recipe, kind) != kind:
+            message = f"{recipe} has the kind '{kind}' here, and '{self.kinds[recipe]}' above."
+            return fault_at(place, "row", message)
+        if quantities:
             numbers = quantities.split()
             if len(numbers) != len(ingredients) or not all(map(is_number, numbers)):
                 number = counted(len(ingredients), "ingredient")
@@ -431,17 +426,14 @@ class BookRows:
 
     def with_facts(self, book: RecipeBook) -> RecipeBook:
         """Return a book with the kinds and quantities of those rows that became its recipes."""
-        annotated_recipes = self.kinds.keys() | self.quantities.keys()
-        recipes = (
-            [recipe for recipe in book.recipes if recipe in annotated_recipes]
-            if annotated_recipes
-            else []
-        )
+        # Millions of recipes without any are not looked at one by one.
+        has_facts = self.kinds or self.quantities
+        recipes = set(book.recipes) if has_facts else set()
         return replace_field(
             book,
-            kinds={recipe: self.kinds[recipe] for recipe in recipes if recipe in self.kinds},
+            kinds={recipe: kind for recipe, kind in self.kinds.items() if recipe in recipes},
             quantities={
-                recipe: self.quantities[recipe] for recipe in recipes if recipe in self.quantities
+                recipe: numbers for recipe, numbers in self.quantities.items() if recipe in recipes
             },
         )
 

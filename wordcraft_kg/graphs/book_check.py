@@ -233,10 +233,9 @@ def _read_rows(
             lines_of.setdefault(recipe, []).append(place)
     for (kind, _), alike in faults.items():
         first, *further_faults = alike
-        message = first.message
-        if further_faults:
-            message = f"{message} ({len(further_faults):,} more like this)"
-        findings.append(_problem(kind, message, _numbers(fault.place for fault in alike)))
+        more = f" ({len(further_faults):,} more like this)" if further_faults else ""
+        lines = _numbers(fault.place for fault in alike)
+        findings.append(_problem(kind, f"{first.message}{more}", lines))
     findings += _repeated(lines_of)
     # As often as in the file: the book counts repetitions.
     every = chain.from_iterable([recipe] * len(places) for recipe, places in lines_of.items())
@@ -292,11 +291,13 @@ def _repeated(lines_of: Mapping[Recipe, Sequence[Place]]) -> Iterator[Finding]:
     repeated = (recipe for recipe, places in lines_of.items() if len(places) > 1)
     twice = [recipe for recipe in repeated if not recipe.is_self_result]
     if selves:
-        subject = f"'{selves[0].result}' is made from itself"
-        if len(selves) > 1:
-            subject = f"{len(selves):,} recipes make one of their ingredients, such as {selves[0]}"
-        message = f"{subject}; such rows are dropped"
-        yield _problem("self-result", message, _lines_of(lines_of, selves))
+        subject = (
+            f"'{selves[0].result}' is made from itself"
+            if len(selves) == 1
+            else f"{len(selves):,} recipes make one of their ingredients, such as {selves[0]}"
+        )
+        lines = _lines_of(lines_of, selves)
+        yield _problem("self-result", f"{subject}; such rows are dropped", lines)
     for recipe in twice[:MAX_DUPLICATES]:
         places = lines_of[recipe]
         message = f"{recipe} is listed {len(places):,} times"
@@ -375,10 +376,8 @@ def _characters(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Find
 def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]:
     num_recipes = graph.recipe_counts + graph.use_counts
     idle = graph.labels(np.flatnonzero(num_recipes == 0))
-    unused: Sequence[str] = ()
-    if base is not None:
-        is_unused = graph.use_counts[graph.base_ids] == 0
-        unused = graph.labels(graph.base_ids[is_unused])
+    is_unused = graph.use_counts[graph.base_ids] == 0
+    unused = () if base is None else graph.labels(graph.base_ids[is_unused])
     if unused:
         yield _problem("base", f"base entities that no recipe uses: {_listed(unused)}")
     idle_labels = [label for label in idle if label not in unused]

@@ -278,15 +278,10 @@ class Reading(Record, omit_defaults=True, kw_only=True):
             "read as table with delimiter ';'; kept 2 of 3 rows (1 repeated)"
         """
         facts = ", ".join(self._facts())
-        return for_terminal(f"{facts}; {self._rows()}")
-
-    def _rows(self) -> str:
-        """Return how many rows were kept, and why the others were not."""
-        row_summary = f"kept {self.kept:,} of {counted(self.rows, 'row')}"
-        if not self.left_out:
-            return row_summary
-        reasons = [f"{number:,} {reason}" for reason, number in self.left_out.items()]
-        return f"{row_summary} ({', '.join(reasons)})"
+        reasons = ", ".join(f"{number:,} {reason}" for reason, number in self.left_out.items())
+        lost = f" ({reasons})" if reasons else ""
+        rows = f"kept {self.kept:,} of {counted(self.rows, 'row')}{lost}"
+        return for_terminal(f"{facts}; {rows}")
 
     def _facts(self) -> Iterator[str]:
         """Yield what the line says about the file, without what goes without saying."""

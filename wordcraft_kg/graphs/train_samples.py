@@ -149,10 +149,8 @@ def describe_train_sample(train_fraction: float, label_noise: float) -> str:
     """
     if not is_subsample(train_fraction, label_noise):
         return ""
-    description = f"{100 * train_fraction:g} % of the train recipes"
-    if label_noise:
-        description = f"{description}, {100 * label_noise:g} % of them with a wrong result"
-    return description
+    noise = f", {100 * label_noise:g} % of them with a wrong result" if label_noise else ""
+    return f"{100 * train_fraction:g} % of the train recipes{noise}"
 
 
 def draw_train_sample(

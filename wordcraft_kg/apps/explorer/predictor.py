@@ -217,11 +217,10 @@ class LinkPredictor:
         Raises:
             ArtefactError: if the folder of a model with outside knowledge has been damaged since.
         """
-        outside = None
-        if self.model.settings.get("with"):
-            # The model uses knowledge from outside the book, which it can then name as evidence.
-            outside = OutsideEvidenceFinder.open(self.folder, self.model.opened)
-        return ScoringModel(self.model.scorer, self.split, self.model.kg, outside=outside)
+        # A model with knowledge from outside the book can name it as evidence.
+        has_outside = bool(self.model.settings.get("with"))
+        finder = OutsideEvidenceFinder.open(self.folder, self.model.opened) if has_outside else None
+        return ScoringModel(self.model.scorer, self.split, self.model.kg, outside=finder)
 
     @cached_property
     def evidence(self) -> LinkEvidence:

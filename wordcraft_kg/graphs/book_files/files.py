@@ -328,10 +328,8 @@ def foreign_format(text: str) -> str | None:
         ('YAML', None)
     """
     sample = text[:_SAMPLE]
-    for name, sign in _FORMATS.items():
-        if re.search(sign, sample, re.IGNORECASE | re.MULTILINE):
-            return name
-    return None
+    flags = re.IGNORECASE | re.MULTILINE
+    return next((name for name, sign in _FORMATS.items() if re.search(sign, sample, flags)), None)
 
 
 # --- JSON ----------------------------------------------------------------------------------------

@@ -155,9 +155,8 @@ def read_book(
             be read, no reading or several are certain, or it has no recipe to keep.
         ConfigError: for an option outside its values, or `columns` that the file does not have.
     """
-    path = Path(path)
-    if (path / "graph.json").is_file():
-        path = path / "graph.json"
+    in_folder = Path(path) / "graph.json"
+    path = in_folder if in_folder.is_file() else Path(path)
     rows = open_rows(path, BookOptions(**options))
     at_once = rows.all_at_once()
     book = RecipeBook.of(

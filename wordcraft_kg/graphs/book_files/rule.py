@@ -202,11 +202,6 @@ def choose(
     alike = [best, *(reading for reading in documented if reading.is_like(best))]
     best = max(alike, key=lambda reading: len(reading.recipes))
     different_readings = [reading for reading in readable if not reading.is_like(best)]
-    rivals = [
-        reading
-        for reading in different_readings
-        if reading.share > LEAST_REUSED and reading.is_clean
-    ]
     # Another order of the same labels is a reading only if it is no odder.
     if best.way.by_place or not best.way.is_named:
         odd = [
@@ -221,8 +216,10 @@ def choose(
             raise _several(path, "two readings fit", [best, *odd], anchor)
     rivals = [
         reading
-        for reading in rivals
-        if reading.way.is_documented or reading.contradictions <= best.contradictions
+        for reading in different_readings
+        if reading.share > LEAST_REUSED
+        and reading.is_clean
+        and (reading.way.is_documented or reading.contradictions <= best.contradictions)
     ]
     if best.is_mostly_single and not allows_single:
         problem = (
@@ -236,9 +233,11 @@ def choose(
     if not hangs_together and is_judged:
         raise _loose(path, best, rivals, anchor)
     # In a book that hangs together, a much looser reading is none, and neither is a guess.
-    close = [reading for reading in rivals if reading.share > best.share * _LIKE]
-    if hangs_together:
-        close = [reading for reading in close if reading.way.is_documented]
+    close = [
+        reading
+        for reading in rivals
+        if reading.share > best.share * _LIKE and (reading.way.is_documented or not hangs_together)
+    ]
     if close:
         problem = "two readings fit" if hangs_together else f"{_shown(best)} is not certain"
         is_advised = hangs_together and best.is_clean

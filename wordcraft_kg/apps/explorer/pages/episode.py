@@ -192,9 +192,7 @@ def _explained(run: FollowedRun, world: World, state: EpisodeState) -> Explained
     graph = world.graph
     if not state.is_edited:
         return explainer.task(state.task, state.distractor_seed)
-    goal = int(world.tasks.goals[state.task])
-    if state.goal:
-        goal = _label(graph, state.goal)
+    goal = _label(graph, state.goal) if state.goal else int(world.tasks.goals[state.task])
     # A visitor may change the goal alone, and keep the task's table.
     table = [_label(graph, label) for label in state.labels]
     table = table or explainer.drawn(state.task, state.distractor_seed)

@@ -346,7 +346,7 @@ def audit(
         reading=graph.reading,
         base_is_inferred=graph.base_is_inferred,
         hash=graph.hash,
-        triples=TripleCounts(*num_triples, total=len(graph.triples)),
+        triples=TripleCounts(*num_triples, len(graph.triples)),
         sets=_set_statistics(split),
         labels=AlikeLabels(len(alike), tuple(alike[:SHOWN])),
         split=split_summary(split),

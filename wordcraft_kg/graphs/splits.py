@@ -395,7 +395,8 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
     draw_parts = SPLITS[config.kind].draw or by_groups
     draw = draw_parts(graph, config, np.random.default_rng(config.seed))
     split = Split(graph, config, draw)
-    required_parts: tuple[Part, ...] = ("train", "test", "valid")[: 3 if config.valid_ratio else 2]
+    has_valid = config.valid_ratio > 0
+    required_parts: list[Part] = ["train", "test", "valid"] if has_valid else ["train", "test"]
     empty = [part for part in required_parts if not split.is_in(part).any()]
     if empty and config.kind != "none":
         raise SplitError(_why_empty(graph, config, required_parts, empty[0]))

@@ -355,7 +355,7 @@ class LinkPredictor:
                 # Calibrated on links outside the training data, so it says nothing about training
                 # links.
                 probability=None if learned else chance,
-                reason=self.evidence.reason(*triple, witnesses) if witnesses else None,
+                reason=self.evidence.reason(*triple, limit=witnesses) if witnesses else None,
             )
 
 

@@ -355,11 +355,10 @@ def _document(
         for at, name in enumerate(names)
     ] or [str(at + 1) for at in range(width)]
     document = Document([], is_table=True)
-    header_words = {name.casefold() for name in names if is_documented(name)}
     # Labels may be words of columns, but hardly those right below the header; in our own tables
     # they stand as they are.
-    header_words |= {cell.casefold() for row in heads[1:2] for cell in row.cells}
-    header_words = set() if source.is_exact else header_words
+    words_of_columns = chain(filter(is_documented, names), *(row.cells for row in heads[1:2]))
+    header_words = set() if source.is_exact else {word.casefold() for word in words_of_columns}
     for row in rows:
         if not isinstance(row, Line):
             document.others.append(row)

@@ -338,7 +338,8 @@ def audit(
     """
     alike = alike_labels(graph.entities)
     # Relation ids are 0 and 1, also where a book has no triple of one.
-    num_triples = np.bincount(graph.triples[:, 1], minlength=len(RELATIONS)).tolist()
+    relations = graph.triples[:, 1]
+    combines_with, component_of = np.bincount(relations, minlength=len(RELATIONS)).tolist()
     figures = book_figures(graph)
     return Audit(
         dropped_self_results=None if book is None else book.dropped_self_results,
@@ -346,7 +347,7 @@ def audit(
         reading=graph.reading,
         base_is_inferred=graph.base_is_inferred,
         hash=graph.hash,
-        triples=TripleCounts(*num_triples, len(graph.triples)),
+        triples=TripleCounts(combines_with, component_of, len(graph.triples)),
         sets=_set_statistics(split),
         labels=AlikeLabels(len(alike), tuple(alike[:SHOWN])),
         split=split_summary(split),

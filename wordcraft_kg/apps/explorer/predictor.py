@@ -344,7 +344,7 @@ class LinkPredictor:
         parts = [KNOWN[part] for part in slot.part[entities].tolist()]
         chances = self.scoring.probabilities(triples, parts)
         rows = zip(triples.tolist(), entities.tolist(), ranks, parts, chances, strict=True)
-        for triple, entity, rank, part, chance in rows:
+        for (head, relation, tail), entity, rank, part, chance in rows:
             learned = bool(slot.learned[entity])
             yield PredictedEntity(
                 rank=float(rank),
@@ -355,7 +355,7 @@ class LinkPredictor:
                 # Calibrated on links outside the training data, so it says nothing about training
                 # links.
                 probability=None if learned else chance,
-                reason=self.evidence.reason(*triple, limit=witnesses) if witnesses else None,
+                reason=self.evidence.reason(head, relation, tail, witnesses) if witnesses else None,
             )
 
 

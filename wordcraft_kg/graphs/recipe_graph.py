@@ -278,8 +278,7 @@ class RecipeGraph:
     @property
     def has_self_results(self) -> bool:
         """Whether a recipe makes one of its ingredients; books drop such recipes by default."""
-        is_self_result = self.sets[:, :-1] == self.sets[:, -1:]
-        return bool(is_self_result.any())
+        return bool((self.sets[:, :-1] == self.sets[:, -1:]).any())
 
     @property
     def num_self_pairs(self) -> int:
@@ -383,14 +382,12 @@ class RecipeGraph:
         is_first = np.ones(self.num_recipes, dtype=bool)
         changes = np.diff(self.sets[:, :-1], axis=0)
         is_first[1:] = np.any(changes != 0, axis=1)
-        first_rows = np.flatnonzero(is_first)
-        return frozen(np.append(first_rows, self.num_recipes))
+        return frozen(np.append(np.flatnonzero(is_first), self.num_recipes))
 
     @cached_property
     def pair_of_recipe(self) -> Ids:
         """Pair number of each recipe, 0 to ``num_pairs`` - 1, shape (num_recipes,)."""
-        recipes_of_pair = np.diff(self.pair_starts)
-        return frozen(np.repeat(np.arange(self.num_pairs), recipes_of_pair))
+        return frozen(np.repeat(np.arange(self.num_pairs), np.diff(self.pair_starts)))
 
     @cached_property
     def by_result(self) -> tuple[Ids, Ids]:

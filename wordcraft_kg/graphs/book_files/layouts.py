@@ -64,14 +64,17 @@ def _our_layout(path: Path, document: Mapping[str, Any]) -> FileRows:
     """Read our own layout, in which a wrong row is a fault in its place."""
     rows, base = document["recipes"], document.get("base")
     if base is not None and not isinstance(base, list):
-        base_type = type(base).__name__
-        raise RecipeFileError(f"{path}: 'base' is {base_type}; expected a list of labels or null.")
+        raise RecipeFileError(
+            f"{path}: 'base' is {type(base).__name__}; expected a list of labels or null."
+        )
     facts = []
     for name, noun in (("kinds", "a kind"), (QUANTITIES, "quantities")):
         texts = document.get(name)
         if texts is not None and (not isinstance(texts, list) or len(texts) != len(rows)):
-            expected = f'expected a list with {noun}, or "", for each recipe.'
-            raise RecipeFileError(f"{path}: {name} is {shown(texts)}; {expected}")
+            raise RecipeFileError(
+                f'{path}: {name} is {shown(texts)}; expected a list with {noun}, or "", for each '
+                "recipe."
+            )
         facts.append(texts or repeat(""))
     source = _listing("our own JSON", path, document["entities"], base)
     places = (f"recipes[{index}]" for index in range(len(rows)))

@@ -32,8 +32,7 @@ def write_book(book: RecipeBook, path: Path) -> None:
     if ending == ".json":
         write_atomically(target, book_json(book))
     elif ending in (".csv", ".tsv"):
-        delimiter = "," if ending == ".csv" else "\t"
-        lines = recipe_table(book, delimiter)
+        lines = recipe_table(book, "," if ending == ".csv" else "\t")
         write_atomically(target, chain(_directives(book), lines))
     else:
         raise RecipeFileError(

@@ -17,9 +17,17 @@ from typing import Any
 from msgspec.structs import replace
 
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.graphs.book_files.rows import WITHOUT, Entry, LeftOut, Raw, Row, fault_at
+from wordcraft_kg.graphs.book_files.rows import (
+    WITHOUT,
+    Entry,
+    FileRows,
+    LeftOut,
+    Raw,
+    Row,
+    fault_at,
+)
 from wordcraft_kg.graphs.book_files.words import is_documented, name_rank, names_thing
-from wordcraft_kg.graphs.recipes import Reading, count_in, is_missing, label_fault, shown
+from wordcraft_kg.graphs.recipes import count_in, is_missing, label_fault, shown
 
 UNSEEN = "".join(
     (
@@ -318,7 +326,6 @@ class FileLabels:
         faults: why a text is no label, by text.
         pieces: number of pieces by text, where texts hold such numbers.
         example: a text with a number of pieces; empty if none is left out.
-        fold: whether labels are in lower case.
         trimmed: cells with characters at their ends that cannot be seen.
         unwrapped: cells with quotes or markup around them.
         counts_dropped: numbers of pieces other than one that were left out.
@@ -328,7 +335,6 @@ class FileLabels:
     faults: dict[str, str] = field(default_factory=dict)
     pieces: dict[str, int] = field(default_factory=dict)
     example: str = ""
-    fold: bool = False
     trimmed: int = 0
     unwrapped: int = 0
     counts_dropped: int = 0
@@ -337,19 +343,21 @@ class FileLabels:
         """Return the label of an entity that is declared or listed, which counts for nothing."""
         label = without_markup(trim_unseen(text))
         counted_label = count_in(label) if self.example else None
-        label = label if counted_label is None else counted_label[0]
-        return label.lower() if self.fold else label
+        return label if counted_label is None else counted_label[0]
 
-    def facts(self, reading: Reading) -> Reading:
-        """Return the record of a reading with what was left out of cells."""
+    def finish(self, source: FileRows) -> None:
+        """Take labels for the texts of a file's base and list; record what cells held beside."""
+        if source.base is not None:
+            source.base = {self.label(text): place for text, place in source.base.items()}
+        source.listed = {self.label(text): place for text, place in source.listed.items()}
         pieces = f"numbers read as pieces, such as '{self.example[:60]}'"
         wrapped = f"{counted(self.unwrapped, 'cell')} without quotes or markup"
         notes = ((self.example, pieces), (self.unwrapped, wrapped))
-        return replace(
-            reading,
-            trimmed=reading.trimmed + self.trimmed,
-            counts_dropped=reading.counts_dropped + self.counts_dropped,
-            notes=(*(note for is_said, note in notes if is_said), *reading.notes),
+        source.reading = replace(
+            source.reading,
+            trimmed=source.reading.trimmed + self.trimmed,
+            counts_dropped=source.reading.counts_dropped + self.counts_dropped,
+            notes=(*(note for is_said, note in notes if is_said), *source.reading.notes),
         )
 
     def row(self, row: Row) -> Entry:
@@ -387,7 +395,7 @@ def read_labels(
     """
     uses = Counter(chain.from_iterable(row.ingredients for row in rows))
     uses.update(row.result for row in rows)
-    labels = FileLabels(fold=fold)
+    labels = FileLabels()
     name_of = _names_of(uses, names)
     for text in uses:
         name = name_of.get(text, text)

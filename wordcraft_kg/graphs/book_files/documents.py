@@ -197,9 +197,7 @@ def read_document(
             raise refusal(path, problem, anchor, "Name them with --columns.")
         best = choice
     source.entries = best.entries
-    if not source.is_exact:
-        source.label = best.labels.label
-    reading = replace(
+    source.reading = replace(
         source.reading,
         columns=best.columns,
         num_results=len(best.way.results),
@@ -207,7 +205,8 @@ def read_document(
         counts_dropped=best.counts_dropped,
         several_outputs=best.several_outputs,
     )
-    source.reading = best.labels.facts(reading)
+    if not source.is_exact:
+        best.labels.finish(source)
     # Nothing is no result where labels tell that the game is Infinite Craft.
     every_text = set(
         chain.from_iterable(

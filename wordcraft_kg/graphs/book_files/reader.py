@@ -279,6 +279,8 @@ class BookRows:
         content: the file's text and container.
         source: its rows.
         options: what the user says about the file.
+        base: declared base entities and their places; None without a declaration.
+        listed: entities listed outside of recipes and their places.
         kinds, quantities: kind of reasoning, and quantities, by recipe; complete after the
             iteration.
         rows: rows that were recipes.
@@ -302,6 +304,11 @@ class BookRows:
         self.content = content
         self.source = source
         self.options = options
+        in_case = str.lower if options.case == "fold" else str
+        self.listed = {in_case(label): place for label, place in source.listed.items()}
+        self.base: dict[str, Place] | None = None
+        if source.base is not None:
+            self.base = {in_case(label): place for label, place in source.base.items()}
         self.kinds: dict[Recipe, str] = {}
         self.quantities: dict[Recipe, str] = {}
         self.rows = 0
@@ -320,22 +327,6 @@ class BookRows:
         self.rows += len(numbered)
         self.arities[2] += len(numbered)
         return numbered
-
-    @property
-    def base(self) -> dict[str, Place] | None:
-        """Declared base entities and their places."""
-        base = self.source.base
-        return None if base is None else {self._label(text): at for text, at in base.items()}
-
-    @property
-    def listed(self) -> dict[str, Place]:
-        """Entities listed outside of recipes and their places."""
-        return {self._label(label): place for label, place in self.source.listed.items()}
-
-    def _label(self, text: str) -> str:
-        """Return the label of an entity that is declared or listed."""
-        label = self.source.label(text)
-        return label.lower() if self.options.case == "fold" else label
 
     @property
     def whole(self) -> list[Row]:

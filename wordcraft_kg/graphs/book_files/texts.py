@@ -520,8 +520,7 @@ def read_lines(path: Path, text: str, *, fold: bool = False) -> FileRows:
     rows = [entry for entry in entries if isinstance(entry, Row)]
     labels = read_labels(rows, label_fault, fold=fold)
     source.entries = [labels.row(entry) if isinstance(entry, Row) else entry for entry in entries]
-    source.label = labels.label
-    source.reading = labels.facts(source.reading)
+    labels.finish(source)
     # Each label of Infinite Craft's base as a word of its own.
     if all(re.search(rf"\b{word}\b", text) for word in INFINITE_CRAFT_BASE):
         source.entries = without_nothing(source.entries, fold=fold)

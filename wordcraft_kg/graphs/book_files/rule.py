@@ -16,6 +16,7 @@ from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs.book_files.cells import FileLabels, is_number, odd_label
 from wordcraft_kg.graphs.book_files.rows import Entry, Fault, Row, refusal
 from wordcraft_kg.graphs.book_files.words import Way, words_of
+from wordcraft_kg.graphs.recipes import Reading
 
 ELEMENTS = words_of(
     "water fire earth air wind eau feu terre vent agua fuego tierra aire viento wasser feuer erde "
@@ -59,23 +60,18 @@ class ReadingCandidate:
 
     Attributes:
         way: the paths of its ingredients and results.
-        columns: these paths as text, as in `columns`.
+        reading: the record of this reading, with these paths as text in ``columns``.
         entries: recipes, faults and rows left out.
         labels: the labels of its texts.
-        ignored, counts_dropped, several_outputs: see
-            :class:`~wordcraft_kg.graphs.recipes.Reading`.
         num_unmade: number of rows with ingredients and without a result.
         needs_reuse: whether a book of any size must hang together, as numbers beside labels may be
             properties.
     """
 
     way: Way
-    columns: tuple[str, ...]
+    reading: Reading
     entries: Sequence[Entry]
     labels: FileLabels
-    ignored: tuple[str, ...]
-    counts_dropped: int
-    several_outputs: int
     num_unmade: int
     needs_reuse: bool
 
@@ -138,7 +134,7 @@ class ReadingCandidate:
     @property
     def command(self) -> str:
         """The options that read the file so."""
-        return f"--columns '{','.join(self.columns)}'"
+        return f"--columns '{','.join(self.reading.columns)}'"
 
     def __str__(self) -> str:
         first = self.rows[0]
@@ -227,7 +223,9 @@ def choose(
         )
         raise _several(path, problem, rivals, anchor)
     # Names of rows may be no results if none is used, and another key may hold the results.
-    is_unused = not best.way.is_named and bool(best.ignored) and best.num_made >= _FEWEST_UNUSED
+    is_unused = (
+        not best.way.is_named and bool(best.reading.ignored) and best.num_made >= _FEWEST_UNUSED
+    )
     is_judged = best.num_made >= FEWEST_RESULTS or (is_unused and not best.share)
     hangs_together = best.share > LEAST_REUSED
     if not hangs_together and is_judged:
@@ -307,8 +305,8 @@ def _loose(
 
 def _shown(candidate: ReadingCandidate) -> str:
     num_parts = len(candidate.way.parts)
-    results = ", ".join(candidate.columns[num_parts:])
-    return f"{' + '.join(candidate.columns[:num_parts])} = {results}"
+    columns = candidate.reading.columns
+    return f"{' + '.join(columns[:num_parts])} = {', '.join(columns[num_parts:])}"
 
 
 def _several(

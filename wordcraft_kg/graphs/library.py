@@ -347,9 +347,9 @@ def published_fold(book: str, name: str) -> Path | None:
     published = FETCHABLE.get(book)
     folds = published.folds if published else ()
     by_name = {f"fold-{number}": fold for number, fold in enumerate(folds, 1)}
-    if name not in by_name:
+    fold = by_name.get(name)
+    if fold is None:
         return None
-    fold = by_name[name]
     for folder in filter(None, (cache_folder(), data_folder())):
         path = folder / fold.file_name
         if path.is_file() and sha256_of(path) == fold.sha256:

@@ -11,6 +11,7 @@ import sys
 import threading
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -51,6 +52,7 @@ from wordcraft_kg.reports.pages import Outline, make_environment
 from wordcraft_kg.runs.record import RUN_FILE
 
 
+@dataclass
 class Site:
     """Renders pages.
 
@@ -61,19 +63,10 @@ class Site:
         is_static: whether the site has no server, so that pages have no forms.
     """
 
-    def __init__(
-        self,
-        explored: Explored,
-        address: Addresses,
-        file: Callable[[str], str],
-        *,
-        is_static: bool = False,
-    ):
-        """Take the content and address forms; the class describes the arguments."""
-        self.explored = explored
-        self.address = address
-        self.file = file
-        self.is_static = is_static
+    explored: Explored
+    address: Addresses
+    file: Callable[[str], str]
+    is_static: bool = False
 
     @property
     def menu(self) -> list[tuple[Page[Any], str]]:

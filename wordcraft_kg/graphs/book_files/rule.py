@@ -90,11 +90,6 @@ class ReadingCandidate:
         """The different results."""
         return {result for _, result in self.recipes}
 
-    @property
-    def num_made(self) -> int:
-        """Number of different results."""
-        return len(self.results)
-
     @cached_property
     def share(self) -> float:
         """Share of the results that are ingredients of other recipes."""
@@ -205,7 +200,7 @@ def choose(
             for reading in different_readings
             if reading.contradictions < best.contradictions
             and not reading.way.is_documented
-            and len(reading.results & best.labels_used) * 2 > reading.num_made
+            and len(reading.results & best.labels_used) * 2 > len(reading.results)
             and reading.is_clean
         ]
         if odd:
@@ -224,9 +219,9 @@ def choose(
         raise _several(path, problem, rivals, anchor)
     # Names of rows may be no results if none is used, and another key may hold the results.
     is_unused = (
-        not best.way.is_named and bool(best.reading.ignored) and best.num_made >= _FEWEST_UNUSED
+        not best.way.is_named and bool(best.reading.ignored) and len(best.results) >= _FEWEST_UNUSED
     )
-    is_judged = best.num_made >= FEWEST_RESULTS or (is_unused and not best.share)
+    is_judged = len(best.results) >= FEWEST_RESULTS or (is_unused and not best.share)
     hangs_together = best.share > LEAST_REUSED
     if not hangs_together and is_judged:
         raise _loose(path, best, rivals, anchor)
@@ -265,7 +260,7 @@ def _undocumented(
     ways = [
         reading
         for reading in clean
-        if reading.folded_share > max(LEAST_REUSED, 1 / reading.num_made)
+        if reading.folded_share > max(LEAST_REUSED, 1 / len(reading.results))
     ]
     ways = ways or [reading for reading in clean if reading.way.is_order]
     if not ways:
@@ -287,9 +282,10 @@ def _loose(
     path: Path, best: ReadingCandidate, rivals: Sequence[ReadingCandidate], anchor: str
 ) -> RecipeFileError:
     """Return the error for a book that does not hang together."""
+    num_results = len(best.results)
     problem = (
-        f"read as {_shown(best)}, {best.share * best.num_made:.0f} of {best.num_made:,} results "
-        "are ingredients of other recipes, so that this reading may be wrong"
+        f"read as {_shown(best)}, {best.share * num_results:.0f} of {num_results:,} results are "
+        "ingredients of other recipes, so that this reading may be wrong"
     )
     if best.folded_share > LEAST_REUSED:
         return refusal(path, problem, anchor, "Labels differ in case only: --case fold joins them.")

@@ -365,13 +365,11 @@ class RecipeBook:
         numbered = rows if isinstance(rows, RecipeRows) else RecipeRows.of(map(_recipe_of, rows))
         ordered = numbered.in_order()
         recipe_ids = ordered.ids
-        num_dropped = 0
-        if not keep_self_results:
-            is_self_result = (recipe_ids[:, :-1] == recipe_ids[:, -1:]).any(axis=1)
-            num_dropped = int(np.sum(is_self_result))
-            # No copy of a large book that has no such row.
-            if num_dropped:
-                recipe_ids = recipe_ids[~is_self_result]
+        is_self_result = (recipe_ids[:, :-1] == recipe_ids[:, -1:]).any(axis=1)
+        num_dropped = 0 if keep_self_results else int(np.sum(is_self_result))
+        # No copy of a large book that has no such row.
+        if num_dropped:
+            recipe_ids = recipe_ids[~is_self_result]
         # By id, which is by label here: texts are compared once, when their ids are given.
         recipe_ids = without_empty_columns(recipe_ids, len(ordered.labels))
         recipes = RecipeRows(ordered.labels, sorted_unique(recipe_ids, range(recipe_ids.shape[1])))

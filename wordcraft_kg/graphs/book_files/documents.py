@@ -324,19 +324,16 @@ def as_records(document: Any) -> Any:
         head, *rows = document
     elif isinstance(document, dict) and isinstance(document.get("data"), list):
         head, rows = document.get("columns"), document["data"]
-        if not isinstance(head, list):
-            return document
     elif isinstance(document, dict):
         columns = [
             [*value.values()] if isinstance(value, dict) else value for value in document.values()
         ]
         if all(isinstance(column, list) for column in columns):
-            head = list(document)
             rows = list(zip(*columns, strict=False))
             is_flat = all(isinstance(cell, str | int | float) for cell in chain.from_iterable(rows))
-            if not is_flat or len(set(map(len, columns))) > 1:
-                return document
-    if not head or not all(isinstance(name, str) for name in head):
+            is_even = len(set(map(len, columns))) == 1
+            head = list(document) if is_flat and is_even else None
+    if not isinstance(head, list) or not head or not all(isinstance(name, str) for name in head):
         return document
     ways = ways_by_words((EACH, f".{name}") for name in head)
     if not any(way.is_named and way.is_documented for way in ways):

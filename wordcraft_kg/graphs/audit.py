@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base import Count, GraphError, Hash, Record, stage
+from wordcraft_kg.base import Count, Hash, Record, stage
 from wordcraft_kg.graphs.arrays import Ids, distinct
 from wordcraft_kg.graphs.planner import Derivation, Planner, layers, rounds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -542,16 +542,12 @@ def view_entity(graph: RecipeGraph, label: str) -> EntityView:
     """
     entity = graph.id_of(label)
     layer = int(layers(graph)[entity])
-    try:
-        derivation = Planner(graph).derivation(entity)
-    except GraphError:
-        # The base does not reach the entity, which is no error for a reader of its recipes.
-        derivation = None
+    is_reachable = layer >= 0
     return EntityView(
         entity=label,
         base=label in graph.base,
-        layer=layer if layer >= 0 else None,
+        layer=layer if is_reachable else None,
         recipes=tuple(graph.recipe_labels(graph.sets[graph.recipes_of(entity)])),
         uses=tuple(graph.recipe_labels(graph.sets[graph.uses_of(entity)])),
-        derivation=derivation,
+        derivation=Planner(graph).derivation(entity) if is_reachable else None,
     )

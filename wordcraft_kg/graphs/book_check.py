@@ -163,14 +163,12 @@ def check_book(
         return BookCheck(_sorted(findings), None, None, None, reading)
     base_labels = book.base if base is None else tuple(base)
     # The check goes on without unknown base entities, so that it finds everything else too.
-    known_base = None
-    if base_labels is not None:
-        known_base = set(base_labels).intersection(book.entities)
-        unknown = sorted(set(base_labels).difference(known_base))
-        if unknown:
-            hint = nearest(unknown[0], book.entities)
-            message = f"base entities that are not in {book.name}: {_listed(unknown)}{hint}"
-            findings.append(_problem("base", message))
+    known_base = None if base_labels is None else set(base_labels).intersection(book.entities)
+    unknown = sorted(set(base_labels or ()).difference(book.entities))
+    if unknown:
+        hint = nearest(unknown[0], book.entities)
+        message = f"base entities that are not in {book.name}: {_listed(unknown)}{hint}"
+        findings.append(_problem("base", message))
     graph = RecipeGraph.from_book(book, known_base)
     line_of = _first_lines(lines_of)
     findings += chain(

@@ -283,9 +283,8 @@ def _check_choices(path: FilePath, texts: _Texts) -> None:
 def _given(document: Document, columns: Sequence[str], texts: _Texts) -> Way:
     """Return the way that the option `columns` gives."""
     first = document.value[0] if isinstance(document.value, list) else None
-    keys: list[str] = []
-    if isinstance(first, list | dict):
-        keys = [f".{key}" if isinstance(first, dict) else f"[{at}]" for at, key in enumerate(first)]
+    members = first if isinstance(first, list | dict) else []
+    keys = [f".{key}" if isinstance(first, dict) else f"[{at}]" for at, key in enumerate(members)]
     paths: list[Path] = []
     for text in map(str.strip, columns):
         # A key that is at one place only needs no path; numbers count columns, or labels of lists.

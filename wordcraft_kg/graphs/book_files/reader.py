@@ -443,8 +443,10 @@ class BookRows:
         reading = self.source.reading
         notes = [*reading.notes, *notes_about(labels)]
         if self._other_quantities:
-            repeated = counted(self._other_quantities, "repeated recipe")
-            notes.append(f"{repeated} with other quantities, of which the first row counts")
+            notes.append(
+                f"{counted(self._other_quantities, 'repeated recipe')} with other quantities, of "
+                "which the first row counts"
+            )
         return replace(
             reading,
             container=self.content.container,

@@ -231,9 +231,9 @@ def _read_rows(
             lines_of.setdefault(recipe, []).append(place)
     for (kind, _), alike in faults.items():
         first, *further_faults = alike
-        more = f" ({len(further_faults):,} more like this)" if further_faults else ""
+        suffix = f" ({len(further_faults):,} more like this)" if further_faults else ""
         lines = _numbers(fault.place for fault in alike)
-        findings.append(_problem(kind, f"{first.message}{more}", lines))
+        findings.append(_problem(kind, f"{first.message}{suffix}", lines))
     findings += _repeated(lines_of)
     # As often as in the file: the book counts repetitions.
     every = chain.from_iterable([recipe] * len(places) for recipe, places in lines_of.items())
@@ -286,8 +286,8 @@ def _inferred_base(graph: RecipeGraph) -> Iterator[Finding]:
 def _repeated(lines_of: Mapping[Recipe, Sequence[Place]]) -> Iterator[Finding]:
     """Yield findings about self results, in one, and about recipes that are listed twice."""
     selves = [recipe for recipe in lines_of if recipe.is_self_result]
-    repeated = (recipe for recipe, places in lines_of.items() if len(places) > 1)
-    twice = [recipe for recipe in repeated if not recipe.is_self_result]
+    duplicates = (recipe for recipe, places in lines_of.items() if len(places) > 1)
+    twice = [recipe for recipe in duplicates if not recipe.is_self_result]
     if selves:
         subject = (
             f"'{selves[0].result}' is made from itself"

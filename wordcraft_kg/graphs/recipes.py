@@ -279,8 +279,8 @@ class Reading(Record, omit_defaults=True, kw_only=True):
         """
         facts = ", ".join(self._facts())
         reasons = ", ".join(f"{number:,} {reason}" for reason, number in self.left_out.items())
-        lost = f" ({reasons})" if reasons else ""
-        rows = f"kept {self.kept:,} of {counted(self.rows, 'row')}{lost}"
+        suffix = f" ({reasons})" if reasons else ""
+        rows = f"kept {self.kept:,} of {counted(self.rows, 'row')}{suffix}"
         return for_terminal(f"{facts}; {rows}")
 
     def _facts(self) -> Iterator[str]:

@@ -566,8 +566,8 @@ def make_tasks(  # noqa: PLR0913 - all that decides a set of tasks, with default
         draw = _Draw(accept, weighting, seed)
         tasks = _drawn(accept, draw, limit, twice_share)
     if not tasks:
-        belongs = f" in the {part} part ({len(accept.mixed)} belong to no part)"
-        part_note = "" if part == "all" else belongs
+        suffix = f" in the {part} part ({len(accept.mixed)} belong to no part)"
+        part_note = "" if part == "all" else suffix
         raise TaskError(f"{graph.name} has no task of depth {depth}{part_note}.")
     goals = np.array([goal for goal, _ in tasks], dtype=np.int64)
     starts = padded([start for _, start in tasks], graph.num_entities, graph.most_leaves(depth))

@@ -304,11 +304,11 @@ class BookRows:
         self.content = content
         self.source = source
         self.options = options
-        in_case = str.lower if options.case == "fold" else str
-        self.listed = {in_case(label): place for label, place in source.listed.items()}
+        label_of = str.lower if options.case == "fold" else str
+        self.listed = {label_of(label): place for label, place in source.listed.items()}
         self.base: dict[str, Place] | None = None
         if source.base is not None:
-            self.base = {in_case(label): place for label, place in source.base.items()}
+            self.base = {label_of(label): place for label, place in source.base.items()}
         self.kinds: dict[Recipe, str] = {}
         self.quantities: dict[Recipe, str] = {}
         self.rows = 0

@@ -190,9 +190,8 @@ def _view_pair(explored: Explored, state: PairState) -> PairProfile:
             # The truth of all recipes is indexed once for each model.
             key = ("recipe scores", predictor.name)
             scoring = explored.once(key, lambda: RecipeScoring(predictor.scoring))
-            results = tuple(
-                scoring.answers([RecipeQuery((a, b, None))], RESULTS, is_explained=True)
-            )
+            query = RecipeQuery((a, b, None))
+            results = tuple(scoring.answers([query], RESULTS, is_explained=True))
     return PairProfile(
         a=a,
         b=b,

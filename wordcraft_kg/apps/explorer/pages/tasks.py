@@ -118,8 +118,8 @@ def outcomes_of(tasks: TaskSet, episodes: Iterable[PlayedTask]) -> Outcomes:
     }
     # Starting ingredients are padded with num_entities, here the index of the empty label.
     labels = np.array([*tasks.graph.entities, ""], dtype=object)
-    posed = zip(labels[tasks.goals], labels[tasks.starts].tolist(), strict=True)
-    return [played.get((goal, tuple(filter(None, start))), ()) for goal, start in posed]
+    pairs = zip(labels[tasks.goals], labels[tasks.starts].tolist(), strict=True)
+    return [played.get((goal, tuple(filter(None, start))), ()) for goal, start in pairs]
 
 
 def _solved(outcomes: tuple[TerminationReason, ...]) -> Won:

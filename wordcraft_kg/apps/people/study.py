@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.resources import files
 from itertools import product, starmap
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal
 
@@ -337,7 +338,7 @@ class ReadStudy:
     def sessions(self) -> list[Session]:
         """Each person's answers as a session."""
         return [
-            Session(self.record, person.cell, tuple(stored.answer for stored in answers))
+            Session(self.record, person.cell, tuple(map(attrgetter("answer"), answers)))
             for person, answers in self.answers.items()
         ]
 

@@ -196,9 +196,8 @@ def padded(rows: Sequence[Sequence[int]], padding: int, width: int = 0) -> Ids:
     Returns:
         Shape (N, columns).
     """
-    longest = max(map(len, rows), default=0)
-    shape = (len(rows), max(width, longest))
-    array = np.full(shape, padding, dtype=np.int64)
+    num_columns = max([width, *map(len, rows)])
+    array = np.full((len(rows), num_columns), padding, dtype=np.int64)
     for index, row in enumerate(rows):
         array[index, : len(row)] = row
     return array

@@ -5,6 +5,7 @@ The audit counts ambiguity, reachability, coverage and leakage.
 Lists of labels are cut at :data:`SHOWN`; the counts beside them are complete.
 """
 
+from collections import Counter
 from dataclasses import asdict
 from itertools import combinations, pairwise
 
@@ -12,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base import Count, GraphError, Hash, Record, stage
+from wordcraft_kg.base import Count, Hash, Record, stage
 from wordcraft_kg.graphs.arrays import Ids, distinct
 from wordcraft_kg.graphs.planner import Derivation, Planner, layers, rounds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -337,8 +338,8 @@ def audit(
     """
     alike = alike_labels(graph.entities)
     # Relation ids are 0 and 1, also where a book has no triple of one.
-    relation = graph.triples[:, 1]
-    combines_with, component_of = np.bincount(relation, minlength=len(RELATIONS)).tolist()
+    relations = graph.triples[:, 1]
+    combines_with, component_of = np.bincount(relations, minlength=len(RELATIONS)).tolist()
     figures = book_figures(graph)
     return Audit(
         dropped_self_results=None if book is None else book.dropped_self_results,
@@ -464,42 +465,31 @@ def leakage(split: Split) -> dict[Relation, Leakage]:
     evaluated = split.held_out("test")
     mirrors = evaluated[:, [2, 1, 0]]  # tail, relation, head
     has_mirror = is_in(mirrors, split.partial, split.graph.num_entities)
-    tables: dict[Relation, Leakage] = {}
-    for relation, name in enumerate(RELATIONS):
-        from_test = _count(split.triples_of("test"), relation)
-        num_evaluated = _count(evaluated, relation)
-        tables[name] = Leakage(
-            train=_count(split.partial, relation),
-            from_test_recipes=from_test,
-            already_in_train=from_test - num_evaluated,
-            evaluated=num_evaluated,
-            mirror_in_train=_count(evaluated[has_mirror], relation),
-        )
-    return tables
-
-
-def _count(triples: Ids, relation: int) -> int:
-    return int(np.sum(triples[:, 1] == relation))
+    # By relation, in columns of the fields.
+    train, from_test, num_evaluated, num_mirrors = (
+        np.bincount(triples[:, 1], minlength=len(RELATIONS))
+        for triples in (split.partial, split.triples_of("test"), evaluated, evaluated[has_mirror])
+    )
+    numbers = (train, from_test, from_test - num_evaluated, num_evaluated, num_mirrors)
+    rows = np.column_stack(numbers).tolist()
+    return {name: Leakage(*row) for name, row in zip(RELATIONS, rows, strict=True)}
 
 
 def _ambiguity(graph: RecipeGraph) -> Ambiguity:
     num_results = np.diff(graph.pair_starts)
     # Stable, so that of equally ambiguous pairs those come first that come first in the graph.
-    order = np.argsort(-num_results, kind="stable")
-    most_ambiguous = order[:SHOWN]
+    most_ambiguous = np.argsort(-num_results, kind="stable")[:SHOWN]
     has_several = num_results[most_ambiguous] > 1
     examples = []
     for pair in most_ambiguous[has_several].tolist():
         # Recipes are sorted by pair, so those of a pair follow each other.
         start, stop = graph.pair_starts[pair : pair + 2]
-        ingredients = graph.sets[start, : graph.sizes[start]]
-        result_ids = graph.sets[start:stop, -1]
-        examples.append(AmbiguousPair(graph.labels(ingredients), graph.labels(result_ids)))
+        ingredients = graph.labels(graph.sets[start, : graph.sizes[start]])
+        examples.append(AmbiguousPair(ingredients, graph.labels(graph.sets[start:stop, -1])))
     numbers, pairs = np.unique(num_results, return_counts=True)
-    # Keys of JSON are texts.
-    pairs_by_number = dict(zip(map(str, numbers), pairs.tolist(), strict=True))
     return Ambiguity(
-        pairs_by_number_of_results=pairs_by_number,
+        # Keys of JSON are texts.
+        pairs_by_number_of_results=dict(zip(map(str, numbers), pairs.tolist(), strict=True)),
         pairs_with_several_results=int(np.sum(num_results > 1)),
         examples=tuple(examples),
     )
@@ -526,22 +516,16 @@ def degrees(graph: RecipeGraph) -> Degrees:
     craftable = recipes[recipes > 0]
 
     def top(counts: Ids) -> tuple[tuple[str, int], ...]:
-        # Stable, so that ties are in alphabetical order.
-        order = np.argsort(-counts, kind="stable")
-        pairs = []
-        for entity in order[:_TOP].tolist():
-            pairs.append((graph.entities[entity], int(counts[entity])))
-        return tuple(pairs)
+        # Ties stay in alphabetical order.
+        count_of = Counter(dict(zip(graph.entities, counts.tolist(), strict=True)))
+        return tuple(count_of.most_common(_TOP))
 
-    mean = 0.0
-    median = 0.0
     # NumPy has no mean of nothing.
-    if len(craftable):
-        mean = round(float(craftable.mean()), 3)
-        median = float(np.median(craftable))
+    counts = craftable if len(craftable) else np.zeros(1, dtype=np.int64)
+    spread = Spread(round(float(counts.mean()), 3), float(np.median(counts)), int(counts.max()))
     return Degrees(
         craftable=len(craftable),
-        recipes_per_craftable=Spread(mean=mean, median=median, max=int(craftable.max(initial=0))),
+        recipes_per_craftable=spread,
         terminal=int(np.sum((uses == 0) & (recipes > 0))),
         idle=int(np.sum((uses == 0) & (recipes == 0))),
         self_pairs=graph.num_self_pairs,
@@ -558,16 +542,12 @@ def view_entity(graph: RecipeGraph, label: str) -> EntityView:
     """
     entity = graph.id_of(label)
     layer = int(layers(graph)[entity])
-    try:
-        derivation = Planner(graph).derivation(entity)
-    except GraphError:
-        # The base does not reach the entity, which is no error for a reader of its recipes.
-        derivation = None
+    is_reachable = layer >= 0
     return EntityView(
         entity=label,
         base=label in graph.base,
-        layer=layer if layer >= 0 else None,
+        layer=layer if is_reachable else None,
         recipes=tuple(graph.recipe_labels(graph.sets[graph.recipes_of(entity)])),
         uses=tuple(graph.recipe_labels(graph.sets[graph.uses_of(entity)])),
-        derivation=derivation,
+        derivation=Planner(graph).derivation(entity) if is_reachable else None,
     )

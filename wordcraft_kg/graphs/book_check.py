@@ -52,6 +52,7 @@ from wordcraft_kg.graphs.recipes import (
     note_of_marks,
     note_of_numbers,
 )
+from wordcraft_kg.graphs.triples import COMPONENT_OF
 
 FAULTY = "with a problem"
 """Reason of rows that are no recipe because of a fault."""
@@ -148,42 +149,43 @@ def check_book(
         if path.is_dir():
             raise
         return BookCheck((_problem("unreadable", str(error)),), None, None)
-    findings = _byte_findings(rows.content)
+    findings = list(_byte_findings(rows.content))
     lines_of, book = _read_rows(rows, name or book_name(path), findings)
     reading = rows.reading(book.merged_duplicates, book.dropped_self_results, book.entities)
-    findings += _left_out_findings(rows)
-    findings += [_note("numbers", message) for message in note_of_numbers(book.entities)]
-    findings += [_note("marks", message) for message in note_of_marks(book.entities)]
+    findings += chain(
+        _left_out_findings(rows),
+        (_note("numbers", message) for message in note_of_numbers(book.entities)),
+        (_note("marks", message) for message in note_of_marks(book.entities)),
+    )
     if not book.recipes:
         if not any(finding.severity == "problem" for finding in findings):
             findings.append(_problem("empty", "it has no recipe"))
         return BookCheck(_sorted(findings), None, None, None, reading)
     base_labels = book.base if base is None else tuple(base)
     # The check goes on without unknown base entities, so that it finds everything else too.
-    known_base = None
-    if base_labels is not None:
-        known_base = set(base_labels).intersection(book.entities)
-        unknown = sorted(set(base_labels).difference(known_base))
-        if unknown:
-            hint = nearest(unknown[0], book.entities)
-            message = f"base entities that are not in {book.name}: {_listed(unknown)}{hint}"
-            findings.append(_problem("base", message))
+    known_base = None if base_labels is None else set(base_labels).intersection(book.entities)
+    unknown = sorted(set(base_labels or ()).difference(book.entities))
+    if unknown:
+        hint = nearest(unknown[0], book.entities)
+        message = f"base entities that are not in {book.name}: {_listed(unknown)}{hint}"
+        findings.append(_problem("base", message))
     graph = RecipeGraph.from_book(book, known_base)
     line_of = _first_lines(lines_of)
-    findings += _inferred_base(graph)
-    findings += _characters(graph, line_of)
-    findings += _spellings(graph, line_of)
-    findings += _idle(graph, base_labels)
-    findings += _inside(graph)
-    findings += _unreachable(graph, line_of, lines_of)
-    findings += _plurals(graph, line_of)
-    findings += _lonely(graph, line_of)
-    mended = replace(book, base=None if base_labels is None else graph.base, reading=reading)
+    findings += chain(
+        _inferred_base(graph),
+        _characters(graph, line_of),
+        _spellings(graph, line_of),
+        _idle(graph, base_labels),
+        _inside(graph),
+        _unreachable(graph, line_of, lines_of),
+        _plurals(graph, line_of),
+        _lonely(graph, line_of),
+    )
     return BookCheck(
         findings=_sorted(findings),
         figures=book_figures(graph),
         graph=graph,
-        book=mended,
+        book=replace(book, base=None if base_labels is None else graph.base, reading=reading),
         reading=reading,
         places={recipe: places[0] for recipe, places in lines_of.items()},
         lost=_lost(rows, lines_of),
@@ -191,16 +193,12 @@ def check_book(
     )
 
 
-def _byte_findings(file: Content) -> list[Finding]:
-    """Return findings about the bytes of a text: mark, line ends, encoding."""
-    findings = []
+def _byte_findings(file: Content) -> Iterator[Finding]:
+    """Yield findings about the bytes of a text: mark, line ends, encoding."""
     if file.encoding not in ("", "utf-8"):
-        message = f"the encoding is {file.encoding}; save the file as UTF-8"
-        findings.append(_problem("encoding", message))
+        yield _problem("encoding", f"the encoding is {file.encoding}; save the file as UTF-8")
     elif file.has_mark:
-        findings.append(
-            _problem("bom", "the file starts with a byte order mark; save it without one", [1])
-        )
+        yield _problem("bom", "the file starts with a byte order mark; save it without one", [1])
     if "\r" in file.text:
         lines = list(io.StringIO(file.text, newline=""))
         returns = [number for number, line in enumerate(lines, start=1) if "\r" in line]
@@ -208,8 +206,7 @@ def _byte_findings(file: Content) -> list[Finding]:
         message = f"{subject} with a carriage return (CRLF or CR), which are read as LF"
         # Where most lines have one, their numbers say nothing.
         are_few = len(returns) < len(lines) // 2
-        findings.append(_note("line-ends", message, returns if are_few else ()))
-    return findings
+        yield _note("line-ends", message, returns if are_few else ())
 
 
 def _read_rows(
@@ -229,33 +226,27 @@ def _read_rows(
             # Without the words in quotes and the numbers, faults of one cause have one message.
             group = entry.group or _VARYING.sub("", entry.message)
             faults.setdefault((entry.kind, group), []).append(entry)
-            continue
-        place, recipe = entry
-        lines_of.setdefault(recipe, []).append(place)
+        else:
+            place, recipe = entry
+            lines_of.setdefault(recipe, []).append(place)
     for (kind, _), alike in faults.items():
         first, *further_faults = alike
-        message = first.message
-        if further_faults:
-            message = f"{message} ({len(further_faults):,} more like this)"
+        suffix = f" ({len(further_faults):,} more like this)" if further_faults else ""
         lines = _numbers(fault.place for fault in alike)
-        findings.append(_problem(kind, message, lines))
+        findings.append(_problem(kind, f"{first.message}{suffix}", lines))
     findings += _repeated(lines_of)
-    every: list[Recipe] = []
-    for recipe, places in lines_of.items():
-        # As often as in the file: the book counts repetitions.
-        every += [recipe] * len(places)
+    # As often as in the file: the book counts repetitions.
+    every = chain.from_iterable([recipe] * len(places) for recipe, places in lines_of.items())
     book = RecipeBook.of(name, every, listed=rows.listed)
     known_labels = set(book.entities)
-    base = None
-    if rows.base is not None:
-        base = tuple(sorted(known_labels & rows.base.keys()))
-        for label, place in rows.base.items():
-            if label not in known_labels:
-                message = unknown_base(label, known_labels)
-                findings.append(_problem("base", message, _numbers([place])))
+    for label, place in (rows.base or {}).items():
+        if label not in known_labels:
+            message = unknown_base(label, known_labels)
+            findings.append(_problem("base", message, _numbers([place])))
     faulty = [fault.place for fault in chain(*faults.values()) if fault.kind != "directive"]
     if faulty:
         rows.left_out[FAULTY] = faulty
+    base = None if rows.base is None else tuple(sorted(known_labels & rows.base.keys()))
     return lines_of, rows.with_facts(replace(book, base=base))
 
 
@@ -265,8 +256,7 @@ def _left_out_findings(rows: BookRows) -> Iterator[Finding]:
         lines = _numbers(places)
         message = f"{counted(len(places), 'row')} {reason}"
         # In a table or lines such a row is a slip; in JSON it is a thing without a recipe.
-        is_slip = reason == WITHOUT and bool(lines)
-        if is_slip:
+        if reason == WITHOUT and lines:
             yield _problem("row", message, lines)
         elif reason != FAULTY:
             yield _note("left-out", message)
@@ -286,28 +276,26 @@ def _lost(rows: BookRows, lines_of: Mapping[Recipe, Sequence[Place]]) -> dict[st
 def _inferred_base(graph: RecipeGraph) -> Iterator[Finding]:
     if graph.base_is_inferred and graph.base:
         entities = counted(len(graph.base), "entity", "entities")
-        message = (
+        yield _note(
+            "base",
             f"no base is named, so the base is the {entities} without a recipe. Name the base: "
-            f"# base: {csv_line(graph.base, ',').strip()}"
+            f"# base: {csv_line(graph.base, ',').strip()}",
         )
-        yield _note("base", message)
 
 
 def _repeated(lines_of: Mapping[Recipe, Sequence[Place]]) -> Iterator[Finding]:
     """Yield findings about self results, in one, and about recipes that are listed twice."""
-    selves: list[Recipe] = []
-    twice: list[Recipe] = []
-    for recipe, places in lines_of.items():
-        if recipe.is_self_result:
-            selves.append(recipe)
-        elif len(places) > 1:
-            twice.append(recipe)
+    selves = [recipe for recipe in lines_of if recipe.is_self_result]
+    duplicates = (recipe for recipe, places in lines_of.items() if len(places) > 1)
+    twice = [recipe for recipe in duplicates if not recipe.is_self_result]
     if selves:
-        subject = f"'{selves[0].result}' is made from itself"
-        if len(selves) > 1:
-            subject = f"{len(selves):,} recipes make one of their ingredients, such as {selves[0]}"
-        message = f"{subject}; such rows are dropped"
-        yield _problem("self-result", message, _lines_of(lines_of, selves))
+        subject = (
+            f"'{selves[0].result}' is made from itself"
+            if len(selves) == 1
+            else f"{len(selves):,} recipes make one of their ingredients, such as {selves[0]}"
+        )
+        lines = _lines_of(lines_of, selves)
+        yield _problem("self-result", f"{subject}; such rows are dropped", lines)
     for recipe in twice[:MAX_DUPLICATES]:
         places = lines_of[recipe]
         message = f"{recipe} is listed {len(places):,} times"
@@ -355,8 +343,7 @@ def _note(kind: str, message: str, lines: Iterable[int] = ()) -> Finding:
 
 def _at(labels: Iterable[str], line_of: Mapping[str, int]) -> list[int]:
     """Return the first lines of labels, ascending, each once; JSON has none."""
-    lines = {line_of[label] for label in labels if label in line_of}
-    return sorted(lines)
+    return sorted({line_of[label] for label in labels if label in line_of})
 
 
 def _characters(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
@@ -387,10 +374,8 @@ def _characters(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Find
 def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]:
     num_recipes = graph.recipe_counts + graph.use_counts
     idle = graph.labels(np.flatnonzero(num_recipes == 0))
-    unused: Sequence[str] = ()
-    if base is not None:
-        is_unused = graph.use_counts[graph.base_ids] == 0
-        unused = graph.labels(graph.base_ids[is_unused])
+    is_unused = graph.use_counts[graph.base_ids] == 0
+    unused = () if base is None else graph.labels(graph.base_ids[is_unused])
     if unused:
         yield _problem("base", f"base entities that no recipe uses: {_listed(unused)}")
     idle_labels = [label for label in idle if label not in unused]
@@ -405,20 +390,21 @@ def _inside(graph: RecipeGraph) -> Iterator[Finding]:
         row, larger = next(iter(inside.items()))
         small, large = graph.recipe_labels(graph.sets[[row, larger]])
         subject = counted(len(inside), "recipe")
-        message = (
+        yield _note(
+            "inside",
             f"{subject} with a part of the ingredients of another recipe for the same result, such "
-            f"as {small} beside {large}; both stay"
+            f"as {small} beside {large}; both stay",
         )
-        yield _note("inside", message)
 
 
 def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     for labels in alike_labels(graph.entities):
         names = " and ".join(map(repr, labels))
-        message = (
-            f"{names} count as different entities; if they are the same thing, use one spelling"
+        yield _problem(
+            "spelling",
+            f"{names} count as different entities; if they are the same thing, use one spelling",
+            _at(labels, line_of),
         )
-        yield _problem("spelling", message, _at(labels, line_of))
 
 
 def _unreachable(
@@ -437,15 +423,11 @@ def _unreachable(
         return
     is_idle = graph.recipe_counts + graph.use_counts == 0
     is_outside = (layers(graph) < 0) & ~is_idle
-    outside = set(np.flatnonzero(is_outside).tolist())
     # An arrow from an ingredient to what it makes, among entities out of reach alone.
-    needs = nx.DiGraph()
-    needs.add_nodes_from(sorted(outside))
-    for *ingredients, result in graph.sets.tolist():
-        if result in outside:
-            needs.add_edges_from(
-                (ingredient, result) for ingredient in ingredients if ingredient in outside
-            )
+    heads, relations, tails = graph.triples.T
+    is_arrow = (relations == COMPONENT_OF) & is_outside[heads] & is_outside[tails]
+    needs = nx.DiGraph(graph.triples[is_arrow][:, [0, 2]].tolist())
+    needs.add_nodes_from(np.flatnonzero(is_outside).tolist())
     # Entities that need one another are one finding, not one each.
     for island in sorted(nx.weakly_connected_components(needs), key=min):
         labels = graph.labels(sorted(island))
@@ -454,9 +436,9 @@ def _unreachable(
             f"{subject} cannot be made from the base ({_listed(graph.base)}): {_listed(labels)}"
         )
         yield _problem("unreachable", message, _at(labels[:LISTED], line_of))
-    places_of: dict[str, list[Place]] = {}
+    places_of = defaultdict[str, list[Place]](list)
     for recipe, places in lines_of.items():
-        places_of.setdefault(recipe.result, []).extend(places)
+        places_of[recipe.result] += places
     for circle in sorted(nx.strongly_connected_components(needs), key=min):
         if len(circle) > 1 and _is_closed(graph, circle):
             labels = graph.labels(sorted(circle))
@@ -469,11 +451,9 @@ def _unreachable(
 
 def _is_closed(graph: RecipeGraph, entities: set[int]) -> bool:
     """Return whether each recipe of the entities needs one of them."""
-    for entity in entities:
-        ingredients = graph.sets[graph.recipes_of(entity), :-1]
-        if any(entities.isdisjoint(row) for row in ingredients.tolist()):
-            return False
-    return True
+    makes_one = np.isin(graph.sets[:, -1], list(entities))
+    needs_one = np.isin(graph.sets[makes_one, :-1], list(entities)).any(axis=1)
+    return bool(needs_one.all())
 
 
 def _plurals(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
@@ -483,8 +463,11 @@ def _plurals(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding
             plurals.append(f"{label[:-1]}ies")
         for plural in sorted(plurals):
             if plural in graph:
-                message = f"'{label}' and '{plural}' are singular and plural of one word"
-                yield _note("plural", message, _at((label, plural), line_of))
+                yield _note(
+                    "plural",
+                    f"'{label}' and '{plural}' are singular and plural of one word",
+                    _at((label, plural), line_of),
+                )
 
 
 def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
@@ -492,8 +475,11 @@ def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]
     lonely = graph.labels(np.flatnonzero(num_recipes == 1))
     if lonely:
         subject = counted(len(lonely), "entity", "entities")
-        message = f"{subject} in one recipe only: {_listed(lonely)}"
-        yield _note("lonely", message, _at(lonely[:LISTED], line_of))
+        yield _note(
+            "lonely",
+            f"{subject} in one recipe only: {_listed(lonely)}",
+            _at(lonely[:LISTED], line_of),
+        )
 
 
 def _listed(labels: Iterable[str]) -> str:

@@ -281,10 +281,8 @@ def open_graph(
             "an OpenedGraph."
         )
     folder = Path(source)
-    is_graph_folder = folder.is_dir()
     # Another folder may hold recipes of Minecraft, if the user says how to read them.
-    if is_graph_folder and options:
-        is_graph_folder = (folder / "graph.json").is_file()
+    is_graph_folder = (folder / "graph.json").is_file() if options else folder.is_dir()
     if is_graph_folder:
         graph = _read_graph(folder)
         content = read_json(folder / "split.json", GRAPH_FILE)

@@ -81,21 +81,14 @@ def with_made_up_words(book: RecipeBook, seed: int = 0) -> RecipeBook:
     rng = np.random.default_rng([seed, *digest])
     invented: set[str] = set()
     while len(invented) < len(words):
-        word = _word(rng)
-        if word not in words:
-            invented.add(word)
+        invented |= {_word(rng)} - words
     # Both sorted: the n-th word in the alphabet becomes the n-th invented word.
     replacement = dict(zip(ordered_words, sorted(invented), strict=True))
 
     def renamed(label: str) -> str:
         return re.sub(r"\S+", lambda word: replacement[word[0]], label)
 
-    recipe_of: dict[Recipe, Recipe] = {}
-    for recipe in book.recipes:
-        recipe_of[recipe] = Recipe.of(*map(renamed, recipe))
-    base = None
-    if book.base is not None:
-        base = tuple(sorted(map(renamed, book.base)))
+    recipe_of = {recipe: Recipe.of(*map(renamed, recipe)) for recipe in book.recipes}
     hash_of_book = None
     if book.sha256 is not None:
         # Another book than the original, so another hash; the same for the same original and seed.
@@ -106,7 +99,7 @@ def with_made_up_words(book: RecipeBook, seed: int = 0) -> RecipeBook:
         book,
         name=f"{prefix}-{book.name}",
         recipes=tuple(sorted(recipe_of.values())),
-        base=base,
+        base=None if book.base is None else tuple(sorted(map(renamed, book.base))),
         idle=tuple(sorted(map(renamed, book.idle))),
         sha256=hash_of_book,
         kinds={recipe_of[recipe]: kind for recipe, kind in book.kinds.items()},
@@ -138,8 +131,9 @@ class _NoRedirects(urllib.request.HTTPRedirectHandler):
         """Return no further request, so that the redirect is an error."""
 
 
-class _Fold(NamedTuple):
-    """A published split of a book, a file beside the book's.
+@dataclass(frozen=True)
+class _PublishedFile:
+    """A published file, such as a split of a book.
 
     Attributes:
         url: address of the file at a fixed commit.
@@ -153,13 +147,10 @@ class _Fold(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Fetchable:
+class _Fetchable(_PublishedFile):
     """A published book that is not bundled: without a licence, or with words of others.
 
     Attributes:
-        url: address of the file at a fixed commit.
-        sha256: hash of the file's bytes.
-        file_name: path in the cache and in data folders, with forward slashes.
         base: labels of the base entities, which the file does not name; None for the entities
             that no recipe makes.
         note: licence, for the list of books.
@@ -167,13 +158,10 @@ class _Fetchable:
         folds: published splits; ``--split fold-1`` names the first.
     """
 
-    url: str
-    sha256: str
-    file_name: str
     base: tuple[str, ...] | None
     note: str
     columns: tuple[str, ...] | None = None
-    folds: tuple[_Fold, ...] = ()
+    folds: tuple[_PublishedFile, ...] = ()
 
 
 _SYNTHESIS = (
@@ -215,7 +203,7 @@ FETCHABLE = {
         note="precursors of inorganic materials, text-mined from articles; MIT",
         columns=("{}{}[][]", "{}{key}"),
         folds=tuple(
-            _Fold(_SYNTHESIS.format(fold), sha256, f"synthesis/random_cv{fold}.json")
+            _PublishedFile(_SYNTHESIS.format(fold), sha256, f"synthesis/random_cv{fold}.json")
             for fold, sha256 in enumerate(_SYNTHESIS_FOLDS, 1)
         ),
     ),
@@ -268,9 +256,8 @@ def cache_folder() -> Path:
 
     It is in ``XDG_CACHE_HOME``, by default ``~/.cache``.
     """
-    cache_root = os.environ.get("XDG_CACHE_HOME")
-    root = Path(cache_root) if cache_root else Path.home() / ".cache"
-    return root / "wordcraft-kg" / "books"
+    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(root) / "wordcraft-kg" / "books"
 
 
 def known_books() -> list[KnownBook]:
@@ -360,9 +347,9 @@ def published_fold(book: str, name: str) -> Path | None:
     published = FETCHABLE.get(book)
     folds = published.folds if published else ()
     by_name = {f"fold-{number}": fold for number, fold in enumerate(folds, 1)}
-    if name not in by_name:
+    fold = by_name.get(name)
+    if fold is None:
         return None
-    fold = by_name[name]
     for folder in filter(None, (cache_folder(), data_folder())):
         path = folder / fold.file_name
         if path.is_file() and sha256_of(path) == fold.sha256:
@@ -435,20 +422,20 @@ def fetch_book(name: str) -> Path:
             f"no book '{name}' to fetch; expected one of {', '.join(FETCHABLE)}.{hint}"
         )
     for fold in book.folds:
-        _present_or_fetched(name, fold.url, fold.sha256, fold.file_name)
-    return _present_or_fetched(name, book.url, book.sha256, book.file_name)
+        _present_or_fetched(name, fold)
+    return _present_or_fetched(name, book)
 
 
-def _present_or_fetched(name: str, url: str, sha256: str, file_name: str) -> Path:
+def _present_or_fetched(name: str, file: _PublishedFile) -> Path:
     """Return the path of a published file, downloaded if neither cache nor data folder has it."""
-    target = cache_folder() / file_name
+    target = cache_folder() / file.file_name
     folder = data_folder()
     # A file in the cache takes precedence wherever books are opened, so it must be the right one.
     if folder is not None and not target.exists():
-        placed = folder / file_name
-        if placed.is_file() and sha256_of(placed) == sha256:
+        placed = folder / file.file_name
+        if placed.is_file() and sha256_of(placed) == file.sha256:
             return placed
-    return fetch_file(name, url, sha256, target, file_name)
+    return fetch_file(name, file.url, file.sha256, target, file.file_name)
 
 
 def fetch_file(

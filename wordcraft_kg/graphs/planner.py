@@ -73,8 +73,7 @@ def rounds(layer: Ids) -> list[int]:
     Returns:
         Counts, the last for the round after which nothing new is made; empty if nothing is known.
     """
-    reached = layer[layer >= 0]
-    new_in_round = np.bincount(reached)
+    new_in_round = np.bincount(layer[layer >= 0])
     return np.cumsum(new_in_round).tolist()
 
 

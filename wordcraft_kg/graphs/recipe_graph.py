@@ -14,7 +14,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-from itertools import compress, pairwise
+from itertools import chain, compress, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from wordcraft_kg.graphs.arrays import (
     frozen,
     row_keys,
     sorted_unique,
+    stacked,
     without_empty_columns,
 )
 from wordcraft_kg.graphs.recipes import (
@@ -147,11 +148,10 @@ class RecipeGraph:
         if labels is None:
             base_ids = absent(recipes[:, -1], len(entities))
         else:
-            unknown = [label for label in labels if label not in index]
-            if unknown:
-                first = unknown[0]
-                hint = nearest(first, entities)
-                raise UnknownEntityError(f"base entity '{first}' is not in {book.name}.{hint}")
+            for label in labels:
+                if label not in index:
+                    hint = nearest(label, entities)
+                    raise UnknownEntityError(f"base entity '{label}' is not in {book.name}.{hint}")
             base_ids = np.array([index[label] for label in labels], dtype=np.int64)
         graph = cls(entities, recipes, base_ids, book.name)
         graph.base_is_inferred = labels is None
@@ -159,8 +159,9 @@ class RecipeGraph:
         if book.kinds:
             graph.kinds = tuple(book.kinds.get(recipe, "") for recipe in graph.recipe_labels())
         if book.quantities:
-            numbers_of = book.quantities
-            graph.quantities = tuple(numbers_of.get(recipe, "") for recipe in graph.recipe_labels())
+            graph.quantities = tuple(
+                book.quantities.get(recipe, "") for recipe in graph.recipe_labels()
+            )
         return graph
 
     def part(self, is_chosen: NDArray[np.bool_]) -> "RecipeGraph":
@@ -213,10 +214,8 @@ class RecipeGraph:
         """
         rows: list[list[str]] = []
         for index, row in enumerate(recipes):
-            row_name = f"row {index}"
-            rows.append([check_label(label, row_name) for label in row])
-        book = RecipeBook.of(name, rows, keep_self_results=True)
-        return cls.from_book(book, base)
+            rows.append([check_label(label, f"row {index}") for label in row])
+        return cls.from_book(RecipeBook.of(name, rows, keep_self_results=True), base)
 
     # --- contents --------------------------------------------------------------------------------
 
@@ -279,8 +278,7 @@ class RecipeGraph:
     @property
     def has_self_results(self) -> bool:
         """Whether a recipe makes one of its ingredients; books drop such recipes by default."""
-        is_self_result = self.sets[:, :-1] == self.sets[:, -1:]
-        return bool(is_self_result.any())
+        return bool((self.sets[:, :-1] == self.sets[:, -1:]).any())
 
     @property
     def num_self_pairs(self) -> int:
@@ -384,14 +382,12 @@ class RecipeGraph:
         is_first = np.ones(self.num_recipes, dtype=bool)
         changes = np.diff(self.sets[:, :-1], axis=0)
         is_first[1:] = np.any(changes != 0, axis=1)
-        first_rows = np.flatnonzero(is_first)
-        return frozen(np.append(first_rows, self.num_recipes))
+        return frozen(np.append(np.flatnonzero(is_first), self.num_recipes))
 
     @cached_property
     def pair_of_recipe(self) -> Ids:
         """Pair number of each recipe, 0 to ``num_pairs`` - 1, shape (num_recipes,)."""
-        recipes_of_pair = np.diff(self.pair_starts)
-        return frozen(np.repeat(np.arange(self.num_pairs), recipes_of_pair))
+        return frozen(np.repeat(np.arange(self.num_pairs), np.diff(self.pair_starts)))
 
     @cached_property
     def by_result(self) -> tuple[Ids, Ids]:
@@ -456,6 +452,20 @@ class RecipeGraph:
         rows = np.minimum(rows, max(len(graph_keys) - 1, 0))
         is_known = graph_keys[rows] == keys if len(graph_keys) else np.zeros(len(keys), dtype=bool)
         return np.where(is_known, rows, -1)
+
+    def rows_of_labels(self, recipes: Sequence[Sequence[str]]) -> Ids:
+        """Return the row of each recipe in :attr:`sets`, or -1 for a recipe that is not there.
+
+        Args:
+            recipes: n recipes (*ingredients, result) by labels, ingredients in any order.
+
+        Raises:
+            KeyError: if a label is no entity.
+        """
+        ids = self.ids_of(chain.from_iterable(recipes))
+        rows = stacked(ids, list(map(len, recipes)), self.num_entities)
+        rows[:, :-1].sort(axis=1)
+        return self.rows_of(rows)
 
     def recipes_of(self, result: Entity) -> Ids:
         """Return the row indices of recipes that make ``result``, ascending.

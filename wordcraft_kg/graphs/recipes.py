@@ -278,15 +278,10 @@ class Reading(Record, omit_defaults=True, kw_only=True):
             "read as table with delimiter ';'; kept 2 of 3 rows (1 repeated)"
         """
         facts = ", ".join(self._facts())
-        return for_terminal(f"{facts}; {self._rows()}")
-
-    def _rows(self) -> str:
-        """Return how many rows were kept, and why the others were not."""
-        row_summary = f"kept {self.kept:,} of {counted(self.rows, 'row')}"
-        if not self.left_out:
-            return row_summary
-        reasons = [f"{number:,} {reason}" for reason, number in self.left_out.items()]
-        return f"{row_summary} ({', '.join(reasons)})"
+        reasons = ", ".join(f"{number:,} {reason}" for reason, number in self.left_out.items())
+        suffix = f" ({reasons})" if reasons else ""
+        rows = f"kept {self.kept:,} of {counted(self.rows, 'row')}{suffix}"
+        return for_terminal(f"{facts}; {rows}")
 
     def _facts(self) -> Iterator[str]:
         """Yield what the line says about the file, without what goes without saying."""
@@ -370,13 +365,11 @@ class RecipeBook:
         numbered = rows if isinstance(rows, RecipeRows) else RecipeRows.of(map(_recipe_of, rows))
         ordered = numbered.in_order()
         recipe_ids = ordered.ids
-        num_dropped = 0
-        if not keep_self_results:
-            is_self_result = (recipe_ids[:, :-1] == recipe_ids[:, -1:]).any(axis=1)
-            num_dropped = int(np.sum(is_self_result))
-            # No copy of a large book that has no such row.
-            if num_dropped:
-                recipe_ids = recipe_ids[~is_self_result]
+        is_self_result = (recipe_ids[:, :-1] == recipe_ids[:, -1:]).any(axis=1)
+        num_dropped = 0 if keep_self_results else int(np.sum(is_self_result))
+        # No copy of a large book that has no such row.
+        if num_dropped:
+            recipe_ids = recipe_ids[~is_self_result]
         # By id, which is by label here: texts are compared once, when their ids are given.
         recipe_ids = without_empty_columns(recipe_ids, len(ordered.labels))
         recipes = RecipeRows(ordered.labels, sorted_unique(recipe_ids, range(recipe_ids.shape[1])))
@@ -542,16 +535,10 @@ def note_of_numbers(labels: Collection[str]) -> list[str]:
 
     One label is enough if it stands beside the label without the number.
     """
-    label_set = set(labels)
-    numbered = []
-    beside = []
-    for label in labels:
-        counted_label = count_in(label)
-        if counted_label:
-            numbered.append(label)
-            if counted_label[0] in label_set:
-                beside.append(label)
-    if not beside and len(numbered) <= _CLEAR * len(label_set):
+    counts = {label: count_in(label) for label in labels}
+    numbered = [label for label, count in counts.items() if count]
+    beside = [label for label, count in counts.items() if count and count[0] in counts]
+    if not beside and len(numbered) <= _CLEAR * len(counts):
         return []
     example = _quoted(min(beside or numbered))
     also = " beside the label without it" if beside else ""

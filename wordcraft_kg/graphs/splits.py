@@ -10,14 +10,12 @@ import hashlib
 import io
 import json
 import logging
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
-from itertools import chain
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 import numpy as np
@@ -47,7 +45,6 @@ from wordcraft_kg.graphs.arrays import (
     different_ingredients,
     frozen,
     json_recipes,
-    stacked,
 )
 from wordcraft_kg.graphs.book_files.files import MAX_BOOK_SIZE, without_repeated_keys
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -95,10 +92,9 @@ class SplitConfig:
         SPLITS.check("kind", self.kind)
         is_share = 0 < self.train_ratio < 1
         require(self, "train_ratio", is_share, "more than 0 and less than 1, such as 0.8")
-        total = self.train_ratio + self.valid_ratio
         # 0.8 + 0.2 and the like may be a bit below 1.
-        leaves_test = total < 1 and not math.isclose(total, 1)
-        is_valid = self.valid_ratio >= 0 and leaves_test
+        test_ratio = 1 - self.train_ratio - self.valid_ratio
+        is_valid = self.valid_ratio >= 0 and test_ratio > 1e-9
         require(self, "valid_ratio", is_valid, "0, or a share that leaves a test part")
         whole("seed", self.seed, 0)
 
@@ -245,8 +241,7 @@ class Split:
             ValueError: if the part is unknown.
         """
         if part not in self._triples:
-            triples = recipe_triples(self.sets(part), self.graph.num_entities)
-            self._triples[part] = frozen(triples)
+            self._triples[part] = frozen(recipe_triples(self.sets(part), self.graph.num_entities))
         return self._triples[part]
 
     def held_out(self, part: Literal["valid", "test"]) -> Ids:
@@ -262,11 +257,10 @@ class Split:
             ValueError: if the part is unknown.
         """
         if part not in self._held_out:
-            excluded_triples = self.partial
-            if part == "test":
-                excluded_triples = np.concatenate([excluded_triples, self.triples_of("valid")])
+            earlier_parts = get_args(Part)[: PARTS.index(part)]
+            seen_triples = np.concatenate([self.triples_of(name) for name in earlier_parts])
             triples = self.triples_of(part)
-            is_seen = is_in(triples, excluded_triples, self.graph.num_entities)
+            is_seen = is_in(triples, seen_triples, self.graph.num_entities)
             self._held_out[part] = frozen(triples[~is_seen])
         return self._held_out[part]
 
@@ -303,8 +297,7 @@ class Split:
 
         Shape (number of train recipes,).
         """
-        is_train = self.is_in("train")
-        return frozen(groups_of(self.graph.part(is_train), self.config.kind))
+        return frozen(groups_of(self.graph.part(self.is_in("train")), self.config.kind))
 
     @property
     def unit(self) -> str:
@@ -402,9 +395,8 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
     draw_parts = SPLITS[config.kind].draw or by_groups
     draw = draw_parts(graph, config, np.random.default_rng(config.seed))
     split = Split(graph, config, draw)
-    required_parts: list[Part] = ["train", "test"]
-    if config.valid_ratio:
-        required_parts.append("valid")
+    has_valid = config.valid_ratio > 0
+    required_parts: list[Part] = ["train", "test", "valid"] if has_valid else ["train", "test"]
     empty = [part for part in required_parts if not split.is_in(part).any()]
     if empty and config.kind != "none":
         raise SplitError(_why_empty(graph, config, required_parts, empty[0]))
@@ -432,11 +424,10 @@ def _why_empty(
     drawn_parts = by_groups(graph, config, np.random.default_rng(config.seed)).parts
     sizes = {name: int(np.sum(drawn_parts == PARTS.index(name))) for name in required_parts}
     if config.kind == "by-recipe" and all(sizes.values()):
-        recipes_text = counted(sizes[part], "recipe")
         return (
-            f"{message}: the {recipes_text} drawn for it moved to train, so that train covers "
-            "every entity. Choose `kind` by-recipe-plain, which moves none, or `kind` none for the "
-            "full graph only."
+            f"{message}: the {counted(sizes[part], 'recipe')} drawn for it moved to train, so that "
+            "train covers every entity. Choose `kind` by-recipe-plain, which moves none, or `kind` "
+            "none for the full graph only."
         )
     return (
         f"{message}; choose another `train_ratio` or `valid_ratio`, or `kind` none for the full "
@@ -542,13 +533,9 @@ def _rows_of(graph: RecipeGraph, recipes: Sequence[Sequence[str]]) -> Ids:
         KeyError: if the graph has no such recipe; names it.
         TypeError: if it is not two labels or more.
     """
-    lengths = list(map(len, recipes))
-    if min(lengths, default=2) < 2:
+    if min(map(len, recipes), default=2) < 2:
         raise TypeError("a recipe is at least one ingredient and a result")
-    labels = chain.from_iterable(recipes)
-    rows_of_ids = stacked(graph.ids_of(labels), lengths, graph.num_entities)
-    rows_of_ids[:, :-1].sort(axis=1)
-    rows = graph.rows_of(rows_of_ids)
+    rows = graph.rows_of_labels(recipes)
     unknown = np.flatnonzero(rows < 0)
     if len(unknown):
         raise KeyError(Recipe.of(*recipes[unknown[0]]))
@@ -691,6 +678,9 @@ _EXPECTED = (
     "expected a table with the columns part, result and, for single recipes, ingredient_a, "
     'ingredient_b, ..., or JSON such as {"train": ["mud"], "test": [["mud", "fire", "brick"]]}'
 )
+_Labels = Annotated[list[str], msgspec.Meta(min_length=1)]
+_Listing = list[str | _Labels] | dict[str, list[_Labels]]
+"""A part in JSON: results and recipes, or sets by result; an empty set is no recipe."""
 _NO_PART = -1
 _Entry = tuple[tuple[str, ...], int]
 """Labels (*ingredients, result) or (result,) and the part."""
@@ -763,7 +753,7 @@ def _entries(path: Path, data: bytes) -> list[_Entry]:
         return list(_table_entries(text))
     except RecursionError:
         raise SplitError(f"{path}: no split (nested too deeply); {_EXPECTED}.") from None
-    except (ValueError, csv.Error) as error:
+    except (ValueError, csv.Error, msgspec.ValidationError) as error:
         raise SplitError(f"{path}: no split ({error}); {_EXPECTED}.") from None
 
 
@@ -775,26 +765,12 @@ def _json_entries(document: Any) -> Iterator[_Entry]:
     if not named:
         raise ValueError("no key is the name of a part")
     for part, value in named:
-        if isinstance(value, dict):
-            for result, sets in value.items():
-                # An empty set is no result: it would stand for all recipes of the result.
-                yield from (((*_labels(each), result), part) for each in _list(sets))
+        content = msgspec.convert(value, _Listing)
+        if isinstance(content, dict):
+            for result, sets in content.items():
+                yield from (((*labels, result), part) for labels in sets)
         else:
-            for row in _list(value):
-                yield ((row,) if isinstance(row, str) else _labels(row)), part
-
-
-def _list(value: Any) -> list[Any]:
-    if not isinstance(value, list):
-        raise ValueError(f"{shown(value)} in place of a list")
-    return value
-
-
-def _labels(value: Any) -> tuple[str, ...]:
-    labels = _list(value)
-    if not labels or not all(isinstance(label, str) for label in labels):
-        raise ValueError(f"{shown(value)} in place of a list of labels")
-    return tuple(labels)
+            yield from ((((row,) if isinstance(row, str) else tuple(row)), part) for row in content)
 
 
 def _table_entries(text: str) -> Iterator[_Entry]:
@@ -830,10 +806,7 @@ def _rows(graph: RecipeGraph, entries: list[tuple[str, ...]]) -> tuple[Ids, int]
     known_entries = [labels for labels in short if all(label in graph for label in labels)]
     results = [labels[0] for labels in known_entries if len(labels) == 1]
     recipes = [labels for labels in known_entries if len(labels) > 1]
-    ids = graph.ids_of(label for labels in recipes for label in labels)
-    table = stacked(ids, list(map(len, recipes)), graph.num_entities)
-    table[:, :-1].sort(axis=1)
-    rows_of_recipes = graph.rows_of(table)
+    rows_of_recipes = graph.rows_of_labels(recipes)
     rows_of_results = [graph.recipes_of(result) for result in results]
     unknown = len(entries) - len(known_entries) + int(np.sum(rows_of_recipes < 0))
     unknown += sum(not len(rows) for rows in rows_of_results)

@@ -155,8 +155,7 @@ class TaskSet:
         for plans in self.plans:
             # A plan ends in its goal; all results before are intermediate.
             steps = itertools.chain.from_iterable(plan[:-1] for plan in plans)
-            results = {result_of[row] for row in steps}
-            intermediates.append(sorted(results))
+            intermediates.append(sorted({result_of[row] for row in steps}))
         return frozen(padded(intermediates, self.graph.num_entities))
 
     @cached_property
@@ -168,8 +167,7 @@ class TaskSet:
         pair_of = self.graph.pair_of_recipe.tolist()
         final = []
         for plans in self.plans:
-            pairs = {pair_of[plan[-1]] for plan in plans}
-            final.append(sorted(pairs))
+            final.append(sorted({pair_of[plan[-1]] for plan in plans}))
         return frozen(padded(final, -1))
 
     def groups_in(self, split: Split) -> Ids:
@@ -284,18 +282,13 @@ class SolutionSearch:
         self.graph = graph
         self.rows: list[list[int]] = graph.sets.tolist()
         self.rows_of: dict[int, list[int]] = {}
-        self.recipes_of: list[list[tuple[int, Rows]]] = []
+        self.recipes_of: list[list[tuple[int, Rows]]] = [[] for _ in graph.entities]
         # Usable recipes by their rarest ingredient: a hub's thousands stand under their partners.
-        self._by_rarest: list[list[tuple[Rows, int]]] = []
-        for _ in range(graph.num_entities):
-            self.recipes_of.append([])
-            self._by_rarest.append([])
-        if usable is None:
-            usable = np.ones(graph.num_recipes, dtype=bool)
-        self.usable = usable
+        self._by_rarest: list[list[tuple[Rows, int]]] = [[] for _ in graph.entities]
+        self.usable = np.ones(graph.num_recipes, dtype=bool) if usable is None else usable
         pair_of = graph.pair_of_recipe.tolist()
         num_uses = graph.use_counts.tolist()
-        for row in np.flatnonzero(usable).tolist():
+        for row in np.flatnonzero(self.usable).tolist():
             result = self.rows[row][-1]
             pair = pair_of[row]
             self.rows_of.setdefault(pair, []).append(row)
@@ -327,8 +320,7 @@ class SolutionSearch:
         """
         have = frozenset(map(self.graph.id_of, at_hand))
         target = self.graph.id_of(goal)
-        ways = self.shortest_ways(target, have, attempts)
-        return self.ordered(ways, target, have)
+        return self.ordered(self.shortest_ways(target, have, attempts), target, have)
 
     def shortest_ways(
         self,
@@ -566,16 +558,16 @@ def make_tasks(  # noqa: PLR0913 - all that decides a set of tasks, with default
     is_complete = depth <= _ENUMERATED_DEPTH and are_few
     if is_complete:
         candidates = sorted(set(_enumerated(accept.search, depth)))
-        every_task = _accepted(candidates, accept)
+        plans_of = dict(zip(candidates, map(accept, candidates), strict=True))
+        every_task = {candidate: plans for candidate, plans in plans_of.items() if plans}
         tasks = _with_share(every_task, depth, twice_share, np.random.default_rng(seed))
         is_complete = len(tasks) == len(every_task)
     else:
         draw = _Draw(accept, weighting, seed)
         tasks = _drawn(accept, draw, limit, twice_share)
     if not tasks:
-        part_note = ""
-        if part != "all":
-            part_note = f" in the {part} part ({len(accept.mixed)} belong to no part)"
+        suffix = f" in the {part} part ({len(accept.mixed)} belong to no part)"
+        part_note = "" if part == "all" else suffix
         raise TaskError(f"{graph.name} has no task of depth {depth}{part_note}.")
     goals = np.array([goal for goal, _ in tasks], dtype=np.int64)
     starts = padded([start for _, start in tasks], graph.num_entities, graph.most_leaves(depth))
@@ -633,16 +625,6 @@ class _Filter:
         if len(parts) > 1:
             self.mixed.add(candidate)
         return plans if parts == {PARTS.index(self.part)} else ()
-
-
-def _accepted(candidates: Iterable[_Candidate], accept: _Filter) -> dict[_Candidate, Plans]:
-    """Return the plans of all accepted candidates."""
-    tasks: dict[_Candidate, Plans] = {}
-    for candidate in candidates:
-        plans = accept(candidate)
-        if plans:
-            tasks[candidate] = plans
-    return tasks
 
 
 def _with_share(

@@ -121,9 +121,11 @@ def check_train_sample(
     number_in("train_fraction", train_fraction, SMALLEST, 1, "more than 0 and at most 1")
     number_in("label_noise", label_noise, 0, 1, "0 to 1")
     if kg != "partial" and is_subsample(train_fraction, label_noise):
-        setting = f"`label_noise` {label_noise:g}"
-        if train_fraction < 1:
-            setting = f"`train_fraction` {train_fraction:g}"
+        setting = (
+            f"`train_fraction` {train_fraction:g}"
+            if train_fraction < 1
+            else f"`label_noise` {label_noise:g}"
+        )
         raise ConfigError(
             f"{setting} needs `kg` partial: a model of the full graph is evaluated on its own "
             "training recipes, and a model of other books has no train recipes."
@@ -149,10 +151,8 @@ def describe_train_sample(train_fraction: float, label_noise: float) -> str:
     """
     if not is_subsample(train_fraction, label_noise):
         return ""
-    description = f"{100 * train_fraction:g} % of the train recipes"
-    if label_noise:
-        description = f"{description}, {100 * label_noise:g} % of them with a wrong result"
-    return description
+    noise = f", {100 * label_noise:g} % of them with a wrong result" if label_noise else ""
+    return f"{100 * train_fraction:g} % of the train recipes{noise}"
 
 
 def draw_train_sample(
@@ -197,16 +197,11 @@ def draw_train_sample(
     order = rng.permutation(len(train))
     doubt = rng.permutation(len(train))
     sampled_order = order[: round(train_fraction * len(train))]
-    if of_recipe is None:
-        folds = np.zeros(graph.num_recipes, dtype=np.int64)
-        needed_folds = 1
-        expected = "at least one of them"
-    else:
-        folds = of_recipe
-        # A model that leaves out the only fold would have nothing to train on.
-        needed_folds = 2
-        expected = "some in two folds or more"
+    folds = np.zeros(graph.num_recipes, dtype=np.int64) if of_recipe is None else of_recipe
+    # A model that leaves out the only fold would have nothing to train on.
+    needed_folds = 1 if of_recipe is None else 2
     if len(np.unique(folds[train[sampled_order]])) < needed_folds:
+        expected = "at least one of them" if needed_folds == 1 else "some in two folds or more"
         raise refuse(
             "train_fraction",
             train_fraction,

@@ -88,8 +88,7 @@ def triple_keys(triples: Ids, num_entities: int) -> Ids:
 def triples_hash(triples: Ids) -> str:
     """Return the SHA-256 hash of triples in the given order, in hexadecimal."""
     # Little-endian integers of eight bytes on any machine.
-    numbers = np.ascontiguousarray(triples, dtype="<i8")
-    return hashlib.sha256(numbers.tobytes()).hexdigest()
+    return hashlib.sha256(np.ascontiguousarray(triples, dtype="<i8").tobytes()).hexdigest()
 
 
 def is_in(

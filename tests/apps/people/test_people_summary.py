@@ -41,8 +41,8 @@ def study(kitchen):
 
 def read(session):
     """Return a study as if it was read from a folder, with one person."""
-    answers = tuple(StoredAnswer(1, answer, 1) for answer in session.answers)
-    return ReadStudy(session.record, (Participant(1, session.cell),), {1: answers})
+    answers = tuple(StoredAnswer(answer, 1) for answer in session.answers)
+    return ReadStudy(session.record, {Participant(1, session.cell): answers})
 
 
 def summed(*sessions, agents=None):

@@ -175,7 +175,7 @@ def test_a_code_begins_one_session(study, folder, answers):
     person = answers.begin(code, study.cells)
     assert answers.begin(code, study.cells) == person == answers.find(code)
     assert answers.find(code_hash(new_code())) is None
-    assert len(read_study(folder).people) == 1
+    assert len(read_study(folder).answers) == 1
 
 
 def test_the_first_answer_to_a_task_stays(study, folder, answers):
@@ -227,9 +227,9 @@ def test_answers_are_read_while_they_are_served_and_afterwards(study, folder, an
         read = read_study(folder)
     assert sorted(contents(folder)) == FILES
     for found in (served, read):
-        assert [len(session.answers) for session in found.sessions()] == [6, 4, 0]
-        assert [session.is_finished for session in found.sessions()] == [True, False, False]
-        for person, session in zip(people, found.sessions(), strict=True):
+        assert [len(session.answers) for session in found.sessions] == [6, 4, 0]
+        assert [session.is_finished for session in found.sessions] == [True, False, False]
+        for person, session in zip(people, found.sessions, strict=True):
             assert list(session.answers) == given[person.number]
             assert (session.record, session.cell) == (study.record, person.cell)
         assert [line.session for line in lines_of(folder)] == [1] * 6 + [2] * 4
@@ -252,14 +252,14 @@ def test_what_was_stored_is_there_after_a_kill(study, killed, has_index):
     if not has_index:
         (killed / f"{ANSWERS_FILE}-shm").unlink()
     stored = (killed / ANSWERS_FILE).read_bytes()
-    assert [len(session.answers) for session in read_study(killed).sessions()] == [4]
+    assert [len(session.answers) for session in read_study(killed).sessions] == [4]
     assert (killed / ANSWERS_FILE).read_bytes() == stored
     with closing(opened(killed)) as answers:
         person = answers.find("0" * 64)
         assert answers.shown(person, "test", 2) == 200.0
         go_on(answers, study, person)
     assert sorted(contents(killed)) == FILES
-    assert read_study(killed).sessions()[0].is_finished
+    assert read_study(killed).sessions[0].is_finished
 
 
 def test_a_withdrawn_answer_is_in_no_file_while_the_study_goes_on(study, folder, answers):

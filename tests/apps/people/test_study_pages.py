@@ -73,7 +73,7 @@ class Browser:
         return self.answers.find(code_hash(code))
 
     def people(self):
-        return len(read_study(self.folder).people)
+        return len(read_study(self.folder).answers)
 
     def lines(self):
         return lines_of(self.folder)

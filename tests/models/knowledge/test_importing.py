@@ -25,7 +25,7 @@ from wordcraft_kg.models.policies.sources.registry import make_sources, source_c
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers import score_limits
 from wordcraft_kg.models.scorers.scorer_folder import load_scorer
-from wordcraft_kg.models.scorers.set_table import SetTableScorer
+from wordcraft_kg.models.scorers.factors import SetTableScorer
 
 SYNSETS = [
     # offset, field, words, pointers (symbol, offset), gloss

@@ -114,8 +114,10 @@ class Explored:
 
     def _name(self, kind: str, known: Mapping[str, object], name: str) -> str:
         if not known:
-            command = f"wordcraft-kg explore GRAPH --{kind} FOLDER"
-            raise ConfigError(f"This page needs a {kind}; start with `{command}`.")
+            raise ConfigError(
+                f"This page needs a {kind}; start with "
+                f"`wordcraft-kg explore GRAPH --{kind} FOLDER`."
+            )
         name = name or next(iter(known))
         if name not in known:
             shown = name[:60]  # addresses may be of any length
@@ -151,8 +153,8 @@ class Explored:
             UnknownEntityError: if no run has this name.
         """
         name = self._name("run", self.runs, name)
-        key = ("followed run", name)
-        return name, self.once(key, lambda: FollowedRun(self.runs[name], self.opened))
+        run = self.once(("run", name), lambda: FollowedRun(self.runs[name], self.opened))
+        return name, run
 
     def is_any_live(self, *names: str) -> bool:
         """Return whether any of these runs has yet to be complete and evaluated.
@@ -200,8 +202,9 @@ class Explored:
         if depth and depth != tasks.depth:
             # With fewer attempts than crafts, no task could be solved: WordCraftConfig would raise.
             is_enough = tasks.max_attempts is not None and tasks.max_attempts >= depth
-            attempts = tasks.max_attempts if is_enough else None
-            tasks = replace(tasks, depth=depth, max_attempts=attempts)
+            tasks = replace(
+                tasks, depth=depth, max_attempts=tasks.max_attempts if is_enough else None
+            )
         return tasks.environment(part or self.usual_part(), distractors)
 
     def plain_world(self, config: WordCraftConfig) -> World:

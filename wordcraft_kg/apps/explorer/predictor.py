@@ -191,10 +191,9 @@ class Slot:
         """Return an entity's filtered rank."""
         # An entity with a true link competes with all others that have none, and is a candidate
         # itself.
-        competitors = int(self.competes.sum())
-        candidates = competitors + int(not self.competes[entity])
-        rank = self.ranks(np.array([entity]))[0]
-        return FilteredRank(float(rank), candidates)
+        candidates = int(self.competes.sum()) + int(not self.competes[entity])
+        (rank,) = self.ranks(np.array([entity])).tolist()
+        return FilteredRank(rank, candidates)
 
 
 @dataclass(frozen=True)
@@ -218,11 +217,10 @@ class LinkPredictor:
         Raises:
             ArtefactError: if the folder of a model with outside knowledge has been damaged since.
         """
-        outside = None
-        if self.model.settings.get("with"):
-            # The model uses knowledge from outside the book, which it can then name as evidence.
-            outside = OutsideEvidenceFinder.open(self.folder, self.model.opened)
-        return ScoringModel(self.model.scorer, self.split, self.model.kg, outside=outside)
+        # A model with knowledge from outside the book can name it as evidence.
+        has_outside = bool(self.model.settings.get("with"))
+        finder = OutsideEvidenceFinder.open(self.folder, self.model.opened) if has_outside else None
+        return ScoringModel(self.model.scorer, self.split, self.model.kg, outside=finder)
 
     @cached_property
     def evidence(self) -> LinkEvidence:
@@ -290,14 +288,7 @@ class LinkPredictor:
         part[true[:, answer]] = self.split.part_of(true)
         learned = np.zeros(size, dtype=bool)
         learned[self.evidence.ends(entity, relation, side)] = True
-        return Slot(
-            entity=entity,
-            relation=relation,
-            side=side,
-            scores=scores,
-            part=part,
-            learned=learned,
-        )
+        return Slot(entity, relation, side, scores, part, learned)
 
     def ranked(self, slot: Slot, entity: int) -> RankedLink:
         """Return score and rank for the link with an entity in an open slot."""
@@ -353,12 +344,8 @@ class LinkPredictor:
         parts = [KNOWN[part] for part in slot.part[entities].tolist()]
         chances = self.scoring.probabilities(triples, parts)
         rows = zip(triples.tolist(), entities.tolist(), ranks, parts, chances, strict=True)
-        for triple, entity, rank, part, chance in rows:
+        for (head, relation, tail), entity, rank, part, chance in rows:
             learned = bool(slot.learned[entity])
-            reason = None
-            if witnesses:
-                head, relation, tail = triple
-                reason = self.evidence.reason(head, relation, tail, witnesses)
             yield PredictedEntity(
                 rank=float(rank),
                 entity=self.graph.entities[entity],
@@ -368,7 +355,7 @@ class LinkPredictor:
                 # Calibrated on links outside the training data, so it says nothing about training
                 # links.
                 probability=None if learned else chance,
-                reason=reason,
+                reason=self.evidence.reason(head, relation, tail, witnesses) if witnesses else None,
             )
 
 

@@ -11,6 +11,7 @@ import sys
 import threading
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -51,6 +52,7 @@ from wordcraft_kg.reports.pages import Outline, make_environment
 from wordcraft_kg.runs.record import RUN_FILE
 
 
+@dataclass
 class Site:
     """Renders pages.
 
@@ -61,27 +63,18 @@ class Site:
         is_static: whether the site has no server, so that pages have no forms.
     """
 
-    def __init__(
-        self,
-        explored: Explored,
-        address: Addresses,
-        file: Callable[[str], str],
-        *,
-        is_static: bool = False,
-    ):
-        """Take the content and address forms; the class describes the arguments."""
-        self.explored = explored
-        self.address = address
-        self.file = file
-        self.is_static = is_static
+    explored: Explored
+    address: Addresses
+    file: Callable[[str], str]
+    is_static: bool = False
 
     @property
     def menu(self) -> list[tuple[Page[Any], str]]:
         """Pages in the menu with something to show, and their addresses."""
         pages = [page for page in PAGES.values() if page.title and page.is_there(self.explored)]
-        entries = [(page, self.address(page, page.state())) for page in pages]
+        addresses = [self.address(page, page.state()) for page in pages]
         # A static site lacks the pages that need a server.
-        return [entry for entry in entries if entry[1]]
+        return [entry for entry in zip(pages, addresses, strict=True) if entry[1]]
 
     def page(self, page: Page[Any], state: PageState) -> str:
         """Return a page as HTML.
@@ -105,8 +98,14 @@ class Site:
         Returns:
             the page as HTML.
         """
-        values = {"status": status, "message": message, "suggestions": suggestions or {}}
-        return self._render("error.html.j2", None, None, **values)
+        return self._render(
+            "error.html.j2",
+            None,
+            None,
+            status=status,
+            message=message,
+            suggestions=suggestions or {},
+        )
 
     def _render(
         self, template: str, page: Page[Any] | None, state: PageState | None, **values: Any
@@ -124,25 +123,22 @@ class Site:
         def entity(label: str) -> Markup:
             # The chosen model stays chosen on the pages that follow.
             model = getattr(state, "model", "")
-            settings = {"model": model} if model else {}
-            return _anchor(link("entity", entity=label, **settings), label)
+            return _anchor(link("entity", entity=label, model=model), label)
 
-        shown = {
-            "site": self,
-            "page": page,
-            "state": state,
-            "outline": outline,
-            "heading": outline.heading,
-        }
-        functions = {
-            "term": outline.term,
-            "link": link,
-            "here": here,
-            "entity": entity,
-            "a": _anchor,
-        }
         environment = _environment(HOME.package if page is None else page.package)
-        return environment.get_template(template).render(**shown, **functions, **values)
+        return environment.get_template(template).render(
+            site=self,
+            page=page,
+            state=state,
+            outline=outline,
+            heading=outline.heading,
+            term=outline.term,
+            link=link,
+            here=here,
+            entity=entity,
+            a=_anchor,
+            **values,
+        )
 
 
 def _anchor(address: str, text: str) -> Markup:
@@ -158,10 +154,9 @@ def _environment(package: str) -> jinja2.Environment:
     # Charts look as in reports, and templates share their macros. The page's own package comes
     # first, so that a page from outside may replace a shared template; dict.fromkeys drops the
     # explorer's second mention.
-    packages = dict.fromkeys(
-        (package, HOME.package, "wordcraft_kg.apps.web", "wordcraft_kg.reports")
+    environment = make_environment(
+        *dict.fromkeys((package, HOME.package, "wordcraft_kg.apps.web", "wordcraft_kg.reports"))
     )
-    environment = make_environment(*packages)
     environment.globals["actions"] = ACTIONS
     return environment
 
@@ -237,21 +232,20 @@ class _Server:
                 request.url.query, keep_blank_values=True, errors="strict", max_num_fields=200
             )
         except (ValueError, UnicodeError):
-            message = (
+            return self.error(
+                400,
                 "The address is not well-formed: its query cannot be read as UTF-8 names and "
-                "values."
+                "values.",
             )
-            return self.error(400, message)
         return await self._in_thread(self._page, page, subject, query)
 
     async def _in_thread(self, work: Callable[..., T], *arguments: Any) -> T:
         return await asyncio.get_running_loop().run_in_executor(self._threads, work, *arguments)
 
     def _page(self, page: Page[Any], subject: str, query: list[tuple[str, str]]) -> Response:
-        as_json = ("format", "json") in query
         try:
             state = page.read(subject, [entry for entry in query if entry != ("format", "json")])
-            if as_json:
+            if ("format", "json") in query:
                 return _json(as_values(page.view(self.explored, state)))
             is_live = page.is_live(self.explored, state)
             text = self._rendered(page, state) if is_live else self._kept(page, state)
@@ -354,12 +348,9 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
     sizes = []
     skipped = {}
     with staged_folder(out, force=force) as folder:
-        texts = {
-            "explorer.css": style_sheet(),
-            "search.js": files.search(),
-            **static_texts(PACKAGE, SCRIPTS),
-        }
-        for name, text in texts.items():
+        write_atomically(folder / "explorer.css", style_sheet())
+        write_atomically(folder / "search.js", files.search())
+        for name, text in static_texts(PACKAGE, SCRIPTS).items():
             write_atomically(folder / name, text)
         for (page, state), name in steps("writing pages", list(files.names.items())):
             # Links are relative to the file that they are in, so each file has a site of its own.
@@ -378,10 +369,6 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
             (folder / name).parent.mkdir(exist_ok=True)
             write_atomically(folder / name, content)
             sizes.append(len(content))
-        weights = {
-            name: predictor.model.run.outputs["model.safetensors"]
-            for name, predictor in explored.models.items()
-        }
         exported = ExportedSite(
             graph=explored.opened.graph.name,
             graph_hash=explored.opened.graph.hash,
@@ -389,7 +376,10 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
             pages=len(sizes),
             largest=max(sizes),
             bytes=sum(sizes),
-            models=weights,
+            models={
+                name: predictor.model.run.outputs["model.safetensors"]
+                for name, predictor in explored.models.items()
+            },
             runs={name: sha256_of(path / RUN_FILE) for name, path in explored.runs.items()},
             skipped=skipped,
         )

@@ -13,7 +13,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from wordcraft_kg.apps.people.protocol import Answer
 from wordcraft_kg.base import ArtefactError, as_record, check_file
@@ -77,15 +76,13 @@ class Participant:
 
 @dataclass(frozen=True)
 class StoredAnswer:
-    """An answer with its person and page loads.
+    """An answer with its page loads.
 
     Attributes:
-        session: number of the person.
         answer: the answer.
         loads: number of page loads for the task, from 1; more after a reload or a return.
     """
 
-    session: int
     answer: Answer
     loads: int
 
@@ -199,11 +196,7 @@ class AnswersDatabase:
             ArtefactError: if a stored answer has a wrong field.
         """
         with self._lock:
-            # Descending parts: train comes before test.
-            query = f"{_ANSWERS} WHERE session = ? ORDER BY part DESC, number"
-            return [
-                _answer(row).answer for row in self._connection.execute(query, (person.number,))
-            ]
+            return [stored.answer for stored in _answers_of(self._connection, person.number)]
 
     def show(self, person: Participant, part: str, number: int, now: float) -> None:
         """Record a page load for an unanswered task; answered tasks are ignored.
@@ -216,8 +209,7 @@ class AnswersDatabase:
         """
         key = (person.number, part, number)
         with self._writing() as connection:
-            answered = connection.execute(f"SELECT 1 FROM answers WHERE {_KEY}", key).fetchone()
-            if answered is None:
+            if not connection.execute(f"SELECT 1 FROM answers WHERE {_KEY}", key).fetchone():
                 connection.execute(
                     "INSERT INTO showings VALUES (?, ?, ?, ?, 1) "
                     "ON CONFLICT DO UPDATE SET loads = loads + 1",
@@ -289,12 +281,14 @@ class AnswersDatabase:
 
 _KEY = "session = ? AND part = ? AND number = ?"
 _PEOPLE = "SELECT number, form, distractors FROM sessions WHERE code NOT LIKE 'withdrawn %'"
+# Descending parts: train comes before test.
 _ANSWERS = (
-    "SELECT session, part, number, goal, slots, actions, made, success, seconds, loads FROM answers"
+    "SELECT part, number, goal, slots, actions, made, success, seconds, loads FROM answers "
+    "WHERE session = ? ORDER BY part DESC, number"
 )
 
 
-def read_answers(path: Path, study: str) -> tuple[list[Participant], list[StoredAnswer]]:
+def read_answers(path: Path, study: str) -> dict[Participant, tuple[StoredAnswer, ...]]:
     """Return all people and answers of a study in order; nothing is written.
 
     A server may be running.
@@ -304,7 +298,7 @@ def read_answers(path: Path, study: str) -> tuple[list[Participant], list[Stored
         study: SHA-256 of ``study.json``, which the database repeats.
 
     Returns:
-        people by number, without withdrawn people, and answers by person and task.
+        answers in the order of tasks, of each person by number; without withdrawn people.
 
     Raises:
         ArtefactError: if the file is missing, damaged, something else, or of another study.
@@ -314,9 +308,8 @@ def read_answers(path: Path, study: str) -> tuple[list[Participant], list[Stored
         people = [
             Participant(number, Cell(form, distractors)) for number, form, distractors in rows
         ]
-        rows = connection.execute(f"{_ANSWERS} ORDER BY session, part DESC, number").fetchall()
         try:
-            return people, [_answer(row, path) for row in rows]
+            return {person: _answers_of(connection, person.number, path) for person in people}
         except (ValueError, TypeError, RecursionError) as error:
             raise _damaged(path, error) from None
 
@@ -347,6 +340,8 @@ def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
             problem = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
             if problem != "ok":
                 raise _damaged(path, problem)
+            if connection.execute("PRAGMA foreign_key_check").fetchone():
+                raise _damaged(path, "it has answers without a session")
             if connection.execute("SELECT record FROM study").fetchall() != [(study,)]:
                 raise ArtefactError(
                     f"{path} belongs to another study than the study.json in its folder, or "
@@ -396,12 +391,18 @@ def _find(connection: sqlite3.Connection, code: str) -> Participant | None:
     return None if row is None else Participant(row[0], Cell(row[1], row[2]))
 
 
-def _answer(row: Sequence[Any], path: Path | str = ANSWERS_FILE) -> StoredAnswer:
-    session, part, number, goal, *lists, success, seconds, loads = row
-    # The columns have the order of the record's fields.
-    values = (part, number, goal, *map(json.loads, lists), bool(success), seconds)
-    fields = dict(zip(Answer.__struct_fields__, values, strict=True))
-    return StoredAnswer(session, as_record(fields, Answer, path), loads)
+def _answers_of(
+    connection: sqlite3.Connection, session: int, path: Path | str = ANSWERS_FILE
+) -> tuple[StoredAnswer, ...]:
+    """Return the answers of a person, by number, in the order of tasks."""
+    answers = []
+    for row in connection.execute(_ANSWERS, (session,)):
+        part, number, goal, *lists, success, seconds, loads = row
+        # The columns have the order of the record's fields.
+        values = (part, number, goal, *map(json.loads, lists), bool(success), seconds)
+        fields = dict(zip(Answer.__struct_fields__, values, strict=True))
+        answers.append(StoredAnswer(as_record(fields, Answer, path), loads))
+    return tuple(answers)
 
 
 def _failed(path: Path, error: sqlite3.Error) -> ArtefactError:

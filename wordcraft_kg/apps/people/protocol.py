@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -23,10 +24,7 @@ _SEED_KEYS = ("all", "train", "valid", "test")
 
 def schedule(tasks: int = TASKS_PER_PART) -> tuple[Turn, ...]:
     """Return part and number for all tasks in a session, with ``tasks`` tasks per part."""
-    turns: list[Turn] = []
-    for part in HUMAN_PARTS:
-        turns += [(part, number) for number in range(1, tasks + 1)]
-    return tuple(turns)
+    return tuple(product(HUMAN_PARTS, range(1, tasks + 1)))
 
 
 def episode_seed(seed: int, part: str, number: int) -> int:

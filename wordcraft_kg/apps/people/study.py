@@ -10,6 +10,8 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.resources import files
+from itertools import product, starmap
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal
 
@@ -137,10 +139,7 @@ class HumanStudy:
             created=datetime.now(UTC).isoformat(timespec="seconds"),
         )
         # Conditions alternate before forms, since a study compares conditions.
-        cells: list[Cell] = []
-        for form in range(config.forms):
-            cells += [Cell(form, amount) for amount in config.distractors]
-        self.cells = tuple(cells)
+        self.cells = tuple(starmap(Cell, product(range(config.forms), config.distractors)))
         # Posed when first needed: a study may have a thousand forms, and few people.
         self._posed: dict[Cell, tuple[PosedTask, ...]] = {}
         self._lock = threading.Lock()
@@ -149,9 +148,8 @@ class HumanStudy:
         """Return a cell's tasks, in order; thread-safe."""
         with self._lock:
             if cell not in self._posed:
-                protocol = self.protocol(cell)
                 self._posed[cell] = tuple(
-                    protocol.task(self.record.seed + cell.form, *turn)
+                    self.protocol(cell).task(self.record.seed + cell.form, *turn)
                     for turn in schedule(self.record.tasks)
                 )
             return self._posed[cell]
@@ -198,11 +196,9 @@ def kept_answers(folder: Path, study: HumanStudy) -> Iterator[AnswersDatabase]:
 
 def _check_tasks(folder: Path, study: HumanStudy) -> None:
     """Check that this version poses the tasks that people have answered."""
-    stored_study = read_study(folder)
-    for person in stored_study.people:
+    for person, answers in read_study(folder).answers.items():
         # People stop at any task, so there are fewer answers than tasks.
-        answered = zip(stored_study.answers[person.number], study.tasks(person.cell), strict=False)
-        for stored, task in answered:
+        for stored, task in zip(answers, study.tasks(person.cell), strict=False):
             if not task.is_of(stored.answer):
                 raise ArtefactError(
                     f"'{folder}': this version poses another {task.part} task {task.number} than "
@@ -293,8 +289,7 @@ def read_study_record(folder: Path) -> tuple[StudyRecord, str]:
             f"'{folder}' {what_is(folder)}; expected the folder that `people serve` writes."
         )
     data = read_small_file(path)
-    record = parse_record(data, StudyRecord, path)
-    return record, hashlib.sha256(data).hexdigest()
+    return parse_record(data, StudyRecord, path), hashlib.sha256(data).hexdigest()
 
 
 TableKey = tuple[int, int, str, int]
@@ -332,21 +327,20 @@ class ReadStudy:
 
     Attributes:
         record: identity of the study.
-        people: people in starting order, without withdrawn people.
-        answers: answers in task order, by person number; empty for people without answers.
+        answers: answers in task order of each person, in starting order, without withdrawn people;
+            empty for people without answers.
     """
 
     record: StudyRecord
-    people: tuple[Participant, ...]
-    answers: dict[int, tuple[StoredAnswer, ...]]
+    answers: dict[Participant, tuple[StoredAnswer, ...]]
 
-    def sessions(self) -> tuple[Session, ...]:
-        """Return each person's answers as a session."""
-        sessions = []
-        for person in self.people:
-            answers = tuple(stored.answer for stored in self.answers[person.number])
-            sessions.append(Session(self.record, person.cell, answers))
-        return tuple(sessions)
+    @property
+    def sessions(self) -> list[Session]:
+        """Each person's answers as a session."""
+        return [
+            Session(self.record, person.cell, tuple(map(attrgetter("answer"), answers)))
+            for person, answers in self.answers.items()
+        ]
 
     def lines(self) -> Iterator[dict[str, Any]]:
         """Yield exported answers: nothing about a person but number, form and condition.
@@ -354,14 +348,14 @@ class ReadStudy:
         ``session`` is the person number, ``seed`` the seed of the form, and ``loads`` counts page
         loads: more than one after a reload or a return.
         """
-        for person in self.people:
+        for person, answers in self.answers.items():
             assignment = {
                 "session": person.number,
                 "form": person.cell.form,
                 "distractors": person.cell.distractors,
                 "seed": self.record.seed + person.cell.form,
             }
-            for stored in self.answers[person.number]:
+            for stored in answers:
                 yield assignment | as_values(stored.answer) | {"loads": stored.loads}
 
 
@@ -373,32 +367,20 @@ def read_study(folder: Path) -> ReadStudy:
     """
     record, identity = read_study_record(folder)
     path = folder / ANSWERS_FILE
-    people, stored_answers = read_answers(path, identity)
-    answers: dict[int, list[StoredAnswer]] = {person.number: [] for person in people}
-    for stored in stored_answers:
-        answers.setdefault(stored.session, []).append(stored)
+    study = ReadStudy(record, read_answers(path, identity))
     turns = schedule(record.tasks)
-    for number, person_answers in answers.items():
+    for person, answers in study.answers.items():
         # The server poses tasks in order, so answers are the start of the schedule without a gap.
-        order = tuple(
-            (stored_answer.answer.part, stored_answer.answer.number)
-            for stored_answer in person_answers
-        )
+        order = tuple((stored.answer.part, stored.answer.number) for stored in answers)
         is_in_order = order == turns[: len(order)]
-        is_sound = all(
-            stored_answer.answer.is_sound and stored_answer.loads >= 1
-            for stored_answer in person_answers
-        )
+        is_sound = all(stored.answer.is_sound and stored.loads >= 1 for stored in answers)
         if not (is_in_order and is_sound):
             raise ArtefactError(
-                f"{path} is damaged: the answers of person {number} are inconsistent."
+                f"{path} is damaged: the answers of person {person.number} are inconsistent."
             )
-    if set(answers) != {person.number for person in people}:
-        raise ArtefactError(f"{path} is damaged: it has answers without a session.")
-    unknown = {person.cell.distractors for person in people} - set(record.distractors)
-    if unknown:
-        raise ArtefactError(
-            f"{path} is damaged: {unknown.pop()} distractors are not a condition of this study."
-        )
-    by_person = {number: tuple(person_answers) for number, person_answers in answers.items()}
-    return ReadStudy(record, tuple(people), by_person)
+        if person.cell.distractors not in record.distractors:
+            raise ArtefactError(
+                f"{path} is damaged: {person.cell.distractors} distractors are not a condition of "
+                "this study."
+            )
+    return study

@@ -1,6 +1,8 @@
 """Success rates of people in the protocol of the paper, and of agents at the same tables."""
 
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -19,6 +21,7 @@ from wordcraft_kg.base import ArtefactError, ConfigError, Count, Record, Share
 from wordcraft_kg.base.statistics import bootstrap, interval, wilson_interval
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import padded
 
 if TYPE_CHECKING:
@@ -131,12 +134,10 @@ def view_people(
         ConfigError: if settings of the tasks differ, or there is no session.
     """
     _check_sources(sources)
-    sessions: list[Session] = []
-    by_amount: dict[int, list[Session]] = {}
-    for study in sources.values():
-        sessions += study.sessions()
+    sessions = list(chain.from_iterable(study.sessions for study in sources.values()))
+    by_amount = defaultdict[int, list[Session]](list)
     for session in sessions:
-        by_amount.setdefault(session.cell.distractors, []).append(session)
+        by_amount[session.cell.distractors].append(session)
     record = sessions[0].record
     return HumanSummary(
         graph=record.graph,
@@ -162,7 +163,7 @@ def _finished(sessions: Sequence[Session]) -> int:
 
 def _check_sources(sources: Mapping[Path, ReadStudy]) -> None:
     """Check that studies may be summed up, see :func:`view_people`."""
-    if not any(study.people for study in sources.values()):
+    if not any(study.answers for study in sources.values()):
         raise ConfigError("no session: expected a study with participants.")
     first_path, first = next(iter(sources.items()))
     # Studies may differ in conditions and forms, that is, in distractors and seeds.
@@ -170,7 +171,7 @@ def _check_sources(sources: Mapping[Path, ReadStudy]) -> None:
     folders: dict[tuple[tuple[Answer, ...], ...], Path] = {}
     for path, study in sources.items():
         check_equal(f"'{path}' has", _task_settings(study.record), f"'{first_path}' has", shared)
-        answers = tuple(session.answers for session in study.sessions())
+        answers = tuple(session.answers for session in study.sessions)
         if answers in folders:
             raise ArtefactError(
                 f"{path} has the same answers as {folders[answers]}; give each study once."
@@ -180,8 +181,12 @@ def _check_sources(sources: Mapping[Path, ReadStudy]) -> None:
 
 
 def _task_settings(record: StudyRecord) -> dict[str, int | str]:
-    hashes = {"graph_hash": record.graph_hash, "split_hash": record.split_hash}
-    return {"graph": record.graph, **hashes, **record.settings}
+    return {
+        "graph": record.graph,
+        "graph_hash": record.graph_hash,
+        "split_hash": record.split_hash,
+        **record.settings,
+    }
 
 
 def _rate(
@@ -198,10 +203,6 @@ def _rate(
                 people.append(person)
                 keys.append(session.table_of(answer))
                 correct.append(answer.success)
-    agent_rates = {}
-    if keys:
-        for name, games in agents.items():
-            agent_rates[name] = _agent_rate([games[key] for key in keys], keys)
     number = len(correct)
     successes = sum(correct)
     return AnswerRate(
@@ -213,13 +214,13 @@ def _rate(
         people_interval=_resampled(
             np.array(correct, dtype=float), np.array(people, dtype=np.int64)
         ),
-        agents=agent_rates,
+        agents={name: _agent_rate(games, keys) for name, games in agents.items() if keys},
     )
 
 
-def _agent_rate(games: Sequence[AgentGame], keys: Sequence[TableKey]) -> AgentRate:
-    won = np.array([game.success for game in games], dtype=float)
-    groups = np.array([game.group for game in games], dtype=np.int64)
+def _agent_rate(games: Mapping[TableKey, AgentGame], keys: Sequence[TableKey]) -> AgentRate:
+    won = np.array([games[key].success for key in keys], dtype=float)
+    groups = np.array([games[key].group for key in keys], dtype=np.int64)
     return AgentRate(
         successes=int(won.sum()),
         rate=float(won.mean()),
@@ -263,16 +264,14 @@ def agent_successes(agent: "OpenedAgent", sessions: Iterable[Session]) -> dict[T
         ArtefactError: if this version poses another task than the answered task.
         ConfigError: if the agent cannot play at tables of that size.
     """
+    # One world for all conditions: the graph is the same, and a world takes long to make. Any
+    # graph has room for its tables.
+    world = World.open(agent.opened, WordCraftConfig(num_distractors=0))
+    tasks = _posed_tasks(agent, world, sessions)
     games: dict[TableKey, AgentGame] = {}
-    posed = _posed_tasks(agent, sessions)
-    if posed is None:
-        return games
-    world, tasks = posed
-    conditions = sorted({(distractors, part) for distractors, _, part, _ in tasks})
-    for condition in conditions:
-        distractors, part = condition
+    for distractors, part in sorted({(distractors, part) for distractors, _, part, _ in tasks}):
         # All tables of a condition and part are played at once: they have the same size.
-        keys = [key for key in tasks if (key[0], key[2]) == condition]
+        keys = [key for key in tasks if (key[0], key[2]) == (distractors, part)]
         variant = world.variant(num_distractors=distractors, part=part)
         successes = _greedy_successes(agent.policy, variant, [tasks[key] for key in keys])
         groups = variant.groups[[tasks[key].index for key in keys]].tolist()
@@ -283,12 +282,11 @@ def agent_successes(agent: "OpenedAgent", sessions: Iterable[Session]) -> dict[T
 
 
 def _posed_tasks(
-    agent: "OpenedAgent", sessions: Iterable[Session]
-) -> tuple[World, dict[TableKey, PosedTask]] | None:
-    """Pose all answered tasks again, and check them; None without a session."""
+    agent: "OpenedAgent", world: World, sessions: Iterable[Session]
+) -> dict[TableKey, PosedTask]:
+    """Pose all answered tasks again, and check them."""
     protocols: dict[int, HumanProtocol] = {}
     posed: dict[TableKey, PosedTask] = {}
-    world: World | None = None
     for session in sessions:
         record = session.record
         check_equal(
@@ -299,9 +297,7 @@ def _posed_tasks(
         )
         distractors = session.cell.distractors
         if distractors not in protocols:
-            # One world for all protocols: the graph is the same, and a world takes long to make.
-            protocols[distractors] = HumanProtocol(world or agent.opened, distractors)
-            world = protocols[distractors].world
+            protocols[distractors] = HumanProtocol(world, distractors)
         for answer in session.answers:
             key = session.table_of(answer)
             if key not in posed:
@@ -311,7 +307,7 @@ def _posed_tasks(
                     f"{answer.part} task {answer.number} of seed {key[1]}, {distractors} "
                     "distractors: this version poses another task than the answered task."
                 )
-    return None if world is None else (world, posed)
+    return posed
 
 
 def _greedy_successes(policy: "Policy", world: World, tasks: Sequence[PosedTask]) -> list[bool]:
@@ -322,9 +318,7 @@ def _greedy_successes(policy: "Policy", world: World, tasks: Sequence[PosedTask]
     from wordcraft_kg.agents.evaluation import PolicyPlayer  # loads torch
 
     engine = BatchEngine(world, len(tasks))
-    tables = []
-    for task in tasks:
-        tables.append([world.graph.id_of(label) for label in task.table])
+    tables = [world.graph.ids_of(task.table).tolist() for task in tasks]
     indices = np.array([task.index for task in tasks])
     state = engine.pose(indices, tables=padded(tables, world.nothing))
     player = PolicyPlayer(policy)

@@ -9,6 +9,7 @@ import hashlib
 import re
 import secrets
 import time
+from collections import Counter
 from collections.abc import Awaitable, Callable, Collection, Mapping
 from typing import Any
 from urllib.parse import parse_qsl
@@ -90,8 +91,13 @@ def make_study_app(
         Route("/withdrawn", server.farewell("withdrawn")),
     ]
     # Sessions, answers and withdrawals need POST: a link or a preview cannot make one.
-    router = Router(routes, redirect_slashes=False, default=server.not_found)
-    return Guard(router, host, more_hosts, server.error, methods=("GET", "HEAD", "POST"))
+    return Guard(
+        Router(routes, redirect_slashes=False, default=server.not_found),
+        host,
+        more_hosts,
+        server.error,
+        methods=("GET", "HEAD", "POST"),
+    )
 
 
 def steady_clock() -> Callable[[], float]:
@@ -168,8 +174,13 @@ class _Server:
             return self._page("first", 400, code=new_code(), problem=NOT_A_CODE, typed=typed)
         person = await run_in_threadpool(self.answers.find, code_hash(code))
         if person is None:
-            problem = "There is no session with this code."
-            return self._page("first", 404, code=new_code(), problem=problem, typed=typed)
+            return self._page(
+                "first",
+                404,
+                code=new_code(),
+                problem="There is no session with this code.",
+                typed=typed,
+            )
         return _to(f"/s/{code}")
 
     def of_person(self, reply: Reply) -> Endpoint:
@@ -195,8 +206,13 @@ class _Server:
         tasks = self.study.tasks(person.cell)
         if len(answers) == len(tasks):
             return _to(f"/s/{code}/end")
-        most = self.study.protocol(person.cell).most_picks
-        return self._page("introduction", code=code, given=len(answers), tasks=tasks, most=most)
+        return self._page(
+            "introduction",
+            code=code,
+            given=len(answers),
+            tasks=tasks,
+            most=self.study.protocol(person.cell).most_picks,
+        )
 
     def task(self, request: Request, _: Form, code: str, person: Participant) -> Response:
         tasks = self.study.tasks(person.cell)
@@ -215,12 +231,11 @@ class _Server:
             self.answers.show(person, task.part, task.number, self.clock())
         most_picks = self.study.protocol(person.cell).most_picks
         # Of a set, the numbers of all items so far.
-        selection = _slots(query.get("first", ""), task, max(most_picks, 1))
         return self._page(
             "task",
             code=code,
             task=task,
-            selection=selection,
+            selection=_slots(query.get("first", ""), task, max(most_picks, 1)),
             most=most_picks,
             place=place,
             all=len(tasks),
@@ -254,9 +269,7 @@ class _Server:
         if not slots:
             return present_task
         # After a restart, the clock may begin before the time of showing.
-        seconds = max(time - shown, 0.0)
-        answer = protocol.answer(task, slots, seconds)
-        self.answers.add(person, answer)
+        self.answers.add(person, protocol.answer(task, slots, max(time - shown, 0.0)))
         return self._after(code, tasks, number)
 
     def _after(self, code: str, tasks: tuple[PosedTask, ...], place: int) -> Response:
@@ -293,15 +306,16 @@ class _Server:
         answers = self.answers.answers_of(person)
         if len(answers) < len(self.study.tasks(person.cell)):
             return _to(f"/s/{code}/task")
-        correct = {}
-        for part in HUMAN_PARTS:
-            successes = [answer.success for answer in answers if answer.part == part]
-            correct[part] = (sum(successes), len(successes))
-        return self._page("end", code=code, correct=correct)
+        correct = Counter(answer.part for answer in answers if answer.success)
+        tasks = self.study.record.tasks
+        return self._page(
+            "end", code=code, correct={part: (correct[part], tasks) for part in HUMAN_PARTS}
+        )
 
     def _page(self, name: str, status: int = 200, **values: Any) -> Response:
-        page = self._render(name, **values)
-        return Response(page, status, media_type="text/html", headers=PRIVATE)
+        return Response(
+            self._render(name, **values), status, media_type="text/html", headers=PRIVATE
+        )
 
     def _render(self, name: str, **values: Any) -> str:
         return self.environment.get_template(f"{name}.html.j2").render(**values)

@@ -17,9 +17,17 @@ from typing import Any
 from msgspec.structs import replace
 
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.graphs.book_files.rows import WITHOUT, Entry, LeftOut, Raw, Row, fault_at
+from wordcraft_kg.graphs.book_files.rows import (
+    WITHOUT,
+    Entry,
+    FileRows,
+    LeftOut,
+    Raw,
+    Row,
+    fault_at,
+)
 from wordcraft_kg.graphs.book_files.words import is_documented, name_rank, names_thing
-from wordcraft_kg.graphs.recipes import Reading, count_in, is_missing, label_fault, shown
+from wordcraft_kg.graphs.recipes import count_in, is_missing, label_fault, shown
 
 UNSEEN = "".join(
     (
@@ -165,38 +173,47 @@ def ambiguity(ingredients: Sequence[str], joiner: str) -> str:
     return ""
 
 
-def _pieces(value: Any, joiner: str | None, *, is_alone: bool) -> tuple[list[str], str]:
-    """Return the texts in a cell or a value of JSON, and why they are not certain, or "".
+class _UnsureError(Exception):
+    """A row whose labels are not certain; the message says why."""
+
+
+def _pieces(value: Any, joiner: str | None, *, is_alone: bool) -> list[str]:
+    """Return the texts in a cell or a value of JSON.
 
     Args:
         value: the cell or value.
         joiner: see :func:`find_joiner`.
         is_alone: whether it holds all ingredients of its row.
+
+    Raises:
+        _UnsureError: if they are not certain.
     """
     if isinstance(value, str) and value[:1] in "[({ \n":
         listed = listed_value(value)
         value = value if listed is None else listed
     elif isinstance(value, str) and joiner == "":
-        return [value], ""
+        return [value]
     labels = labels_in(value)
     if labels is None:
-        return [], f"{shown(value)} holds no label under a documented key."
+        raise _UnsureError(f"{shown(value)} holds no label under a documented key.")
     if isinstance(value, list) and len(labels) > 1 and not is_alone:
         # A list in the place of one of several ingredients.
-        return [], (
+        raise _UnsureError(
             f"{shown(value)} may be choices of an ingredient or several ingredients; write each "
             "choice as a recipe of its own."
         )
     if not isinstance(value, str) or not value or joiner == "":
-        return labels, ""
+        return labels
     several = [part.strip() for part in value.split(joiner)] if joiner else [value]
     signs = (*JOINERS, *WEAK_JOINERS)
     if joiner is None or (len(several) == 1 and any(sign in value for sign in signs)):
-        return (
-            [],
-            f"{value[:80]!r} may be one ingredient or several; write {joiner or '+'} between.",
+        raise _UnsureError(
+            f"{value[:80]!r} may be one ingredient or several; write {joiner or '+'} between."
         )
-    return several, ambiguity(several, joiner)
+    reason = ambiguity(several, joiner)
+    if reason:
+        raise _UnsureError(reason)
+    return several
 
 
 def rows_of_raw(raw: Raw, joiner: str | None) -> Iterator[Entry]:
@@ -206,28 +223,24 @@ def rows_of_raw(raw: Raw, joiner: str | None) -> Iterator[Entry]:
         raw: the row.
         joiner: the sign between ingredients in one cell, see :func:`find_joiner`.
     """
-    parts: list[str] = []
-    results: list[str] = []
-    messages = []
-    # Spreadsheets leave blank all cells but the first of those that they merged. In a grid of many
-    # slots blanks are usual.
-    if raw.parts[:1] == [""] and any(raw.parts) and len(raw.parts) <= _MOST_WITHOUT_GRID:
-        filled = next(filter(None, raw.parts))
-        messages.append(
-            f"a blank cell before {filled!r:.80}, as where cells were merged; fill it, or write a "
-            "single ingredient first."
-        )
-    for value in raw.parts:
-        texts, message = _pieces(value, joiner, is_alone=len(raw.parts) == 1)
-        parts += texts
-        messages.append(message)
-    for value in raw.results:
-        texts, message = _pieces(value, "", is_alone=True)
-        results += texts
-        messages.append(message)
-    if any(messages):
-        yield fault_at(raw.place, "label", next(filter(None, messages)))
-    elif not parts or not results:
+    try:
+        # Spreadsheets leave blank all cells but the first of those that they merged. In a grid of
+        # many slots blanks are usual.
+        if raw.parts[:1] == [""] and any(raw.parts) and len(raw.parts) <= _MOST_WITHOUT_GRID:
+            filled = next(filter(None, raw.parts))
+            raise _UnsureError(
+                f"a blank cell before {filled!r:.80}, as where cells were merged; fill it, or "
+                "write a single ingredient first."
+            )
+        is_alone = len(raw.parts) == 1
+        part_texts = [_pieces(value, joiner, is_alone=is_alone) for value in raw.parts]
+        result_texts = [_pieces(value, "", is_alone=True) for value in raw.results]
+    except _UnsureError as error:
+        yield fault_at(raw.place, "label", str(error))
+        return
+    parts = list(chain.from_iterable(part_texts))
+    results = list(chain.from_iterable(result_texts))
+    if not parts or not results:
         yield LeftOut(raw.place, WITHOUT)
     else:
         yield from (Row(raw.place, parts, result, raw.kind, raw.quantities) for result in results)
@@ -313,7 +326,6 @@ class FileLabels:
         faults: why a text is no label, by text.
         pieces: number of pieces by text, where texts hold such numbers.
         example: a text with a number of pieces; empty if none is left out.
-        fold: whether labels are in lower case.
         trimmed: cells with characters at their ends that cannot be seen.
         unwrapped: cells with quotes or markup around them.
         counts_dropped: numbers of pieces other than one that were left out.
@@ -323,7 +335,6 @@ class FileLabels:
     faults: dict[str, str] = field(default_factory=dict)
     pieces: dict[str, int] = field(default_factory=dict)
     example: str = ""
-    fold: bool = False
     trimmed: int = 0
     unwrapped: int = 0
     counts_dropped: int = 0
@@ -332,29 +343,27 @@ class FileLabels:
         """Return the label of an entity that is declared or listed, which counts for nothing."""
         label = without_markup(trim_unseen(text))
         counted_label = count_in(label) if self.example else None
-        label = label if counted_label is None else counted_label[0]
-        return label.lower() if self.fold else label
+        return label if counted_label is None else counted_label[0]
 
-    def facts(self, reading: Reading) -> Reading:
-        """Return the record of a reading with what was left out of cells."""
-        notes = []
-        if self.example:
-            notes.append(f"numbers read as pieces, such as '{self.example[:60]}'")
-        if self.unwrapped:
-            notes.append(f"{counted(self.unwrapped, 'cell')} without quotes or markup")
-        return replace(
-            reading,
-            trimmed=reading.trimmed + self.trimmed,
-            counts_dropped=reading.counts_dropped + self.counts_dropped,
-            notes=(*notes, *reading.notes),
+    def finish(self, source: FileRows) -> None:
+        """Take labels for the texts of a file's base and list; record what cells held beside."""
+        if source.base is not None:
+            source.base = {self.label(text): place for text, place in source.base.items()}
+        source.listed = {self.label(text): place for text, place in source.listed.items()}
+        pieces = f"numbers read as pieces, such as '{self.example[:60]}'"
+        wrapped = f"{counted(self.unwrapped, 'cell')} without quotes or markup"
+        notes = ((self.example, pieces), (self.unwrapped, wrapped))
+        source.reading = replace(
+            source.reading,
+            trimmed=source.reading.trimmed + self.trimmed,
+            counts_dropped=source.reading.counts_dropped + self.counts_dropped,
+            notes=(*(note for is_said, note in notes if is_said), *source.reading.notes),
         )
 
     def row(self, row: Row) -> Entry:
         """Return the recipe of a row of texts, or its fault; two pieces of one thing are a pair."""
         texts = (*row.ingredients, row.result)
-        faults = []
-        if self.faults and not self.faults.keys().isdisjoint(texts):
-            faults = [self.faults[text] for text in texts if text in self.faults]
+        faults = [self.faults[text] for text in texts if text in self.faults]
         if row.kind:
             faults += filter(None, [label_fault(row.kind)])
         if faults:
@@ -386,7 +395,7 @@ def read_labels(
     """
     uses = Counter(chain.from_iterable(row.ingredients for row in rows))
     uses.update(row.result for row in rows)
-    labels = FileLabels(fold=fold)
+    labels = FileLabels()
     name_of = _names_of(uses, names)
     for text in uses:
         name = name_of.get(text, text)
@@ -491,10 +500,8 @@ def names_by_id(things: Iterable[tuple[Any, Any]]) -> Names:
         keys = [str(identifier), f"{NUMBER}{identifier}"]
         for key in keys if is_number(identifier) else keys[:1]:
             names[key] = name if names.get(key, name) == name else None
-    text_names = [
-        name for key, name in names.items() if name is not None and not key.startswith(NUMBER)
-    ]
-    return {} if len(set(text_names)) < len(text_names) else names
+    single_names = [name for key, name in names.items() if name and not key.startswith(NUMBER)]
+    return {} if len(set(single_names)) < len(single_names) else names
 
 
 # --- labels in forms that are not read -----------------------------------------------------------

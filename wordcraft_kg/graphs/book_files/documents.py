@@ -164,12 +164,8 @@ def read_document(
     texts = _texts_of(document)
     anchor = "table" if document.is_table else "json"
     if len(texts) > _MOST_TEXTS:
-        problem = f"{len(texts):,} different keys, more than {_MOST_TEXTS:,}"
-        raise refusal(path, problem, anchor)
-    names = _names(value, texts)
-    read_candidate = partial(
-        _candidate, document, texts, names, fold=fold, is_exact=source.is_exact
-    )
+        raise refusal(path, f"{len(texts):,} different keys, more than {_MOST_TEXTS:,}", anchor)
+    read_candidate = partial(_candidate, document, source, texts, _names(value, texts), fold=fold)
     if columns is not None:
         best = read_candidate(_given(document, columns, texts), is_given=True)
     elif source.is_exact:
@@ -193,21 +189,17 @@ def read_document(
         guesses = map(read_candidate, chain(unsure, _by_column(texts)))
         choice = choose(path, documented, guesses, anchor, allows_single=allows_single)
         if choice is None:
-            problem = f"no documented words name ingredients and a result; {_shown_paths(texts)}"
-            raise refusal(path, problem, anchor, "Name them with --columns.")
+            raise refusal(
+                path,
+                f"no documented words name ingredients and a result; {_shown_paths(texts)}",
+                anchor,
+                "Name them with --columns.",
+            )
         best = choice
     source.entries = best.entries
+    source.reading = best.reading
     if not source.is_exact:
-        source.label = best.labels.label
-    reading = replace(
-        source.reading,
-        columns=best.columns,
-        num_results=len(best.way.results),
-        ignored=best.ignored,
-        counts_dropped=best.counts_dropped,
-        several_outputs=best.several_outputs,
-    )
-    source.reading = best.labels.facts(reading)
+        best.labels.finish(source)
     # Nothing is no result where labels tell that the game is Infinite Craft.
     every_text = set(
         chain.from_iterable(
@@ -280,16 +272,19 @@ def _check_choices(path: FilePath, texts: _Texts) -> None:
             problem = (
                 f"the lists of {path_text(single)!r} may be choices of an ingredient or several"
             )
-            remedy = "Write each choice as a recipe of its own, or name columns with --columns."
-            raise refusal(path, problem, "json", remedy)
+            raise refusal(
+                path,
+                problem,
+                "json",
+                "Write each choice as a recipe of its own, or name columns with --columns.",
+            )
 
 
 def _given(document: Document, columns: Sequence[str], texts: _Texts) -> Way:
     """Return the way that the option `columns` gives."""
     first = document.value[0] if isinstance(document.value, list) else None
-    keys: list[str] = []
-    if isinstance(first, list | dict):
-        keys = [f".{key}" if isinstance(first, dict) else f"[{at}]" for at, key in enumerate(first)]
+    members = first if isinstance(first, list | dict) else []
+    keys = [f".{key}" if isinstance(first, dict) else f"[{at}]" for at, key in enumerate(members)]
     paths: list[Path] = []
     for text in map(str.strip, columns):
         # A key that is at one place only needs no path; numbers count columns, or labels of lists.
@@ -328,19 +323,16 @@ def as_records(document: Any) -> Any:
         head, *rows = document
     elif isinstance(document, dict) and isinstance(document.get("data"), list):
         head, rows = document.get("columns"), document["data"]
-        if not isinstance(head, list):
-            return document
     elif isinstance(document, dict):
         columns = [
             [*value.values()] if isinstance(value, dict) else value for value in document.values()
         ]
         if all(isinstance(column, list) for column in columns):
-            head = list(document)
             rows = list(zip(*columns, strict=False))
             is_flat = all(isinstance(cell, str | int | float) for cell in chain.from_iterable(rows))
-            if not is_flat or len(set(map(len, columns))) > 1:
-                return document
-    if not head or not all(isinstance(name, str) for name in head):
+            is_even = len(set(map(len, columns))) == 1
+            head = list(document) if is_flat and is_even else None
+    if not isinstance(head, list) or not head or not all(isinstance(name, str) for name in head):
         return document
     ways = ways_by_words((EACH, f".{name}") for name in head)
     if not any(way.is_named and way.is_documented for way in ways):
@@ -739,31 +731,30 @@ def _are_sums(keys: Sequence[Any], *, has_commas: bool = True) -> bool:
 
 def _candidate(
     document: Document,
+    source: FileRows,
     texts: _Texts,
     names: Sequence[Names],
     way: Way,
     *,
     is_given: bool = False,
-    is_exact: bool = False,
     fold: bool = False,
 ) -> ReadingCandidate:
     """Return the recipes of a way to read a document."""
-    way_paths = {*way.parts, *way.results}
+    way_paths = (*way.parts, *way.results)
     facts = [(*way.parts[0][:-1], f".{name}") for name in (KIND, QUANTITIES)]
     facts = [path for path in facts if path in texts and path not in way_paths]
-    ignored_paths = [
-        path for path in texts if path not in {*way_paths, *facts} and path[-1:] != (KEY,)
-    ]
+    read_paths = {*way_paths, *facts}
+    ignored_paths = [path for path in texts if path not in read_paths and path[-1:] != (KEY,)]
     raws = list(_raws(document, way, facts))
     is_sole = len(way.parts) == 1
     has_several = any(len(raw.parts) != 1 for raw in raws)
     in_lists = is_sole and way.parts[0][-1] in LOOPS and has_several
     joiner: str | None = ""
     cells = [part for raw in raws for part in raw.parts if isinstance(part, str) and part]
-    if not is_exact and is_sole:
+    if not source.is_exact and is_sole:
         cells = [cell for cell in cells if listed_value(cell) is None]
         joiner = find_joiner(cells, in_all=in_lists, allows_weak=not way.by_place)
-    elif not is_exact and all("+" in cell for cell in cells):
+    elif not source.is_exact and all("+" in cell for cell in cells):
         joiner = find_joiner(cells)
     if joiner and (in_lists or not is_sole):
         # Several columns or texts of a list hold a whole recipe each.
@@ -777,7 +768,7 @@ def _candidate(
             message = "a blank ingredient; fill it, or leave it out of the list."
             entries.append(fault_at(raw.place, "label", message, "blank"))
         else:
-            row_entries = _exact_rows(raw) if is_exact else list(rows_of_raw(raw, joiner))
+            row_entries = _exact_rows(raw) if source.is_exact else list(rows_of_raw(raw, joiner))
             several_outputs += len(row_entries) > 1
             entries += row_entries
     if document.is_table:
@@ -786,7 +777,7 @@ def _candidate(
     # Numbers are no results, unless they are names or ids.
     numbers = {row.result for row in rows if is_number(row.result)}
     numbers.difference_update(*names)
-    if rows and not is_given and not is_exact and all(row.result in numbers for row in rows):
+    if rows and not is_given and not source.is_exact and all(row.result in numbers for row in rows):
         message = "is a number; a result is a name. If it is one, name the columns with --columns."
         entries = []
         if way.is_named and not way.by_place:
@@ -794,21 +785,25 @@ def _candidate(
         rows = []
     labels = read_labels(
         rows,
-        exact_fault if is_exact else cell_fault,
+        exact_fault if source.is_exact else cell_fault,
         names,
-        is_exact=is_exact,
+        is_exact=source.is_exact,
         is_given=is_given,
         fold=fold,
     )
     counts = (path for path in ignored_paths if words_of(path[-1][1:]) & COUNT)
     return ReadingCandidate(
         way,
-        columns=tuple(path_text(path, document.is_table) for path in (*way.parts, *way.results)),
+        replace(
+            source.reading,
+            columns=tuple(path_text(path, document.is_table) for path in way_paths),
+            num_results=len(way.results),
+            ignored=tuple(path_text(path, document.is_table) for path in ignored_paths),
+            counts_dropped=sum(n not in ("", "1", 1) for path in counts for n in texts[path]),
+            several_outputs=several_outputs,
+        ),
         entries=[labels.row(entry) if isinstance(entry, Row) else entry for entry in entries],
         labels=labels,
-        ignored=tuple(path_text(path, document.is_table) for path in ignored_paths),
-        counts_dropped=sum(n not in ("", "1", 1) for path in counts for n in texts[path]),
-        several_outputs=several_outputs,
         num_unmade=sum(any(raw.parts) and not any(raw.results) for raw in raws),
         needs_reuse=not texts.counted.isdisjoint(way_paths),
     )

@@ -135,8 +135,9 @@ def read_content(path: Path, encoding: str | None = None) -> Content:
         if len(books) != 1:
             shown = ", ".join(repr(name[:80]) for name in books[:5]) or "none"
             problem = f"a zip archive with {len(books):,} files that may be recipe books ({shown})"
-            remedy = "Unpack it and give one file."
-            raise refusal(path, f"{problem}; expected one", "compressed", remedy)
+            raise refusal(
+                path, f"{problem}; expected one", "compressed", "Unpack it and give one file."
+            )
         data = archive.read(books[0], MAX_BOOK_SIZE)
         container = f"zip ({books[0]})"
         name = PurePosixPath(books[0]).name
@@ -183,8 +184,9 @@ def _may_be_book(name: str) -> bool:
 def _names_of_files(path: Path, archive: ZipArchive) -> list[str]:
     """Return the names of the files in an archive that may be content."""
     if "[Content_Types].xml" in archive.members or "mimetype" in archive.members:
-        problem = "a spreadsheet or document, not a text file"
-        raise refusal(path, problem, "table", "Save the sheet as CSV.")
+        raise refusal(
+            path, "a spreadsheet or document, not a text file", "table", "Save the sheet as CSV."
+        )
     names = []
     for name, entry in archive.members.items():
         parts = PurePosixPath(name).parts
@@ -326,10 +328,8 @@ def foreign_format(text: str) -> str | None:
         ('YAML', None)
     """
     sample = text[:_SAMPLE]
-    for name, sign in _FORMATS.items():
-        if re.search(sign, sample, re.IGNORECASE | re.MULTILINE):
-            return name
-    return None
+    flags = re.IGNORECASE | re.MULTILINE
+    return next((name for name, sign in _FORMATS.items() if re.search(sign, sample, flags)), None)
 
 
 # --- JSON ----------------------------------------------------------------------------------------

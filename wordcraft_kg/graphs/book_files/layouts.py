@@ -64,14 +64,17 @@ def _our_layout(path: Path, document: Mapping[str, Any]) -> FileRows:
     """Read our own layout, in which a wrong row is a fault in its place."""
     rows, base = document["recipes"], document.get("base")
     if base is not None and not isinstance(base, list):
-        base_type = type(base).__name__
-        raise RecipeFileError(f"{path}: 'base' is {base_type}; expected a list of labels or null.")
+        raise RecipeFileError(
+            f"{path}: 'base' is {type(base).__name__}; expected a list of labels or null."
+        )
     facts = []
     for name, noun in (("kinds", "a kind"), (QUANTITIES, "quantities")):
         texts = document.get(name)
         if texts is not None and (not isinstance(texts, list) or len(texts) != len(rows)):
-            expected = f'expected a list with {noun}, or "", for each recipe.'
-            raise RecipeFileError(f"{path}: {name} is {shown(texts)}; {expected}")
+            raise RecipeFileError(
+                f'{path}: {name} is {shown(texts)}; expected a list with {noun}, or "", for each '
+                "recipe."
+            )
         facts.append(texts or repeat(""))
     source = _listing("our own JSON", path, document["entities"], base)
     places = (f"recipes[{index}]" for index in range(len(rows)))
@@ -148,8 +151,9 @@ def _dump(path: Path, items: Sequence[Any], rows: Sequence[Sequence[int]]) -> Fi
     names = [check_label(trim_unseen(label), f"{path}: items") for label in map(str, labels)]
     for place in chain.from_iterable(rows):
         if not 0 <= place < len(names):
-            problem = f"the index {place:,} in recipes, of {len(names):,} items"
-            raise refusal(path, problem, "infinite-craft")
+            raise refusal(
+                path, f"the index {place:,} in recipes, of {len(names):,} items", "infinite-craft"
+            )
     source = FileRows(Reading(shape="a dump of Infinite Craft"), is_exact=True)
     source.listed = {name: "items" for name in names if name != NOTHING}
     if source.listed.keys() >= set(INFINITE_CRAFT_BASE):
@@ -217,8 +221,7 @@ def _parsed(name: str, data: bytes) -> Any:
         return Fault(name, "row", f"{name}: not JSON ({type(error).__name__}).", "not JSON")
     if isinstance(value, dict):
         return value
-    message = f"{name} is {shown(value)}; expected an object."
-    return Fault(name, "row", message, "not an object")
+    return Fault(name, "row", f"{name} is {shown(value)}; expected an object.", "not an object")
 
 
 def _recipes(tags: Tags, name: str, value: Any) -> tuple[list[Entry], int]:
@@ -232,19 +235,17 @@ def _recipes(tags: Tags, name: str, value: Any) -> tuple[list[Entry], int]:
     slots = [list(dict.fromkeys(_choices(part, tags))) for part in parts or ()]
     # One more than allowed tells that there are too many, and no product is made in full.
     choices = list(islice(_sets_of(slots), _MAX_CHOICES + 1))
-    reason = ""
-    if parts is None:
-        reason = "with a damaged pattern"
-    elif len(results) > 1:
-        reason = "with several results"
-    elif not parts or len(result_items) != 1:
-        reason = WITHOUT
-    elif not all(slots) or any(map(label_fault, chain(result_items, *slots))):
-        reason = "with an ingredient of an unknown kind"
-    elif len(choices) > _MAX_CHOICES:
-        reason = f"with more than {_MAX_CHOICES} choices of ingredients"
-    if reason:
-        return [LeftOut(name, reason)], 0
+    is_unknown = not all(slots) or any(map(label_fault, chain(result_items, *slots)))
+    faults = (
+        (parts is None, "with a damaged pattern"),
+        (len(results) > 1, "with several results"),
+        (not parts or len(result_items) != 1, WITHOUT),
+        (is_unknown, "with an ingredient of an unknown kind"),
+        (len(choices) > _MAX_CHOICES, f"with more than {_MAX_CHOICES} choices of ingredients"),
+    )
+    for is_fault, reason in faults:
+        if is_fault:
+            return [LeftOut(name, reason)], 0
     holders = [holder for holder in (*(parts or ()), *results, value) if isinstance(holder, dict)]
     dropped = sum(holder.get("count", holder.get("amount", 1)) != 1 for holder in holders)
     # Two pieces are a pair as they stand; of more pieces, the set keeps each thing once.

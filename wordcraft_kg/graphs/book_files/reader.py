@@ -155,9 +155,8 @@ def read_book(
             be read, no reading or several are certain, or it has no recipe to keep.
         ConfigError: for an option outside its values, or `columns` that the file does not have.
     """
-    path = Path(path)
-    if (path / "graph.json").is_file():
-        path = path / "graph.json"
+    in_folder = Path(path) / "graph.json"
+    path = in_folder if in_folder.is_file() else Path(path)
     rows = open_rows(path, BookOptions(**options))
     at_once = rows.all_at_once()
     book = RecipeBook.of(
@@ -171,17 +170,15 @@ def read_book(
     reading = rows.reading(book.merged_duplicates, book.dropped_self_results, entities)
     if not book.recipes:
         left_out = [f"{number:,} {reason}" for reason, number in reading.left_out.items()]
-        reason_text = ", ".join(left_out) or "no rows"
+        reasons = ", ".join(left_out) or "no rows"
         raise RecipeFileError(
-            f"{path} has no recipe to keep (read as {reading.shape}; {reason_text}). See {GUIDE}."
+            f"{path} has no recipe to keep (read as {reading.shape}; {reasons}). See {GUIDE}."
         )
-    declared = None
-    if rows.base is not None:
-        # Places in JSON are no lines; JSON checks its base when it is opened.
-        for label, line in rows.base.items():
-            if isinstance(line, int) and label not in entities:
-                raise RecipeFileError(f"{path}, line {line}: {unknown_base(label, entities)}")
-        declared = tuple(sorted(rows.base))
+    # Places in JSON are no lines; JSON checks its base when it is opened.
+    for label, line in (rows.base or {}).items():
+        if isinstance(line, int) and label not in entities:
+            raise RecipeFileError(f"{path}, line {line}: {unknown_base(label, entities)}")
+    declared = None if rows.base is None else tuple(sorted(rows.base))
     logging.getLogger(__name__).info("%s: %s", path, reading.line())
     return rows.with_facts(replace_field(book, base=declared, reading=reading))
 
@@ -222,8 +219,12 @@ def open_rows(path: Path, options: BookOptions) -> "BookRows":
     rows = BookRows(content, source, options)
     odd = "" if source.is_exact else odd_label(rows.whole)
     if odd:
-        remedy = "Write one label in each cell, the same in all."
-        raise refusal(path, f"{odd}, in a form that is not read", "table", remedy)
+        raise refusal(
+            path,
+            f"{odd}, in a form that is not read",
+            "table",
+            "Write one label in each cell, the same in all.",
+        )
     return rows
 
 
@@ -252,8 +253,9 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
     # Lines are often saved under the ending of a table.
     if options.delimiter is None and looks_like_lines(text, is_table=ending in ENDINGS):
         if options.columns is not None:
-            problem = "lines a + b = c, which have no columns"
-            raise refusal(path, problem, "lines", "Leave --columns out.")
+            raise refusal(
+                path, "lines a + b = c, which have no columns", "lines", "Leave --columns out."
+            )
         return read_lines(path, text, fold=fold)
     delimiter = None if options.delimiter is None else delimiter_of(options.delimiter)
     by_name = not all(column.strip().isdecimal() for column in options.columns or ["1"])
@@ -277,6 +279,8 @@ class BookRows:
         content: the file's text and container.
         source: its rows.
         options: what the user says about the file.
+        base: declared base entities and their places; None without a declaration.
+        listed: entities listed outside of recipes and their places.
         kinds, quantities: kind of reasoning, and quantities, by recipe; complete after the
             iteration.
         rows: rows that were recipes.
@@ -300,6 +304,11 @@ class BookRows:
         self.content = content
         self.source = source
         self.options = options
+        label_of = str.lower if options.case == "fold" else str
+        self.listed = {label_of(label): place for label, place in source.listed.items()}
+        self.base: dict[str, Place] | None = None
+        if source.base is not None:
+            self.base = {label_of(label): place for label, place in source.base.items()}
         self.kinds: dict[Recipe, str] = {}
         self.quantities: dict[Recipe, str] = {}
         self.rows = 0
@@ -318,22 +327,6 @@ class BookRows:
         self.rows += len(numbered)
         self.arities[2] += len(numbered)
         return numbered
-
-    @property
-    def base(self) -> dict[str, Place] | None:
-        """Declared base entities and their places."""
-        base = self.source.base
-        return None if base is None else {self._label(text): at for text, at in base.items()}
-
-    @property
-    def listed(self) -> dict[str, Place]:
-        """Entities listed outside of recipes and their places."""
-        return {self._label(label): place for label, place in self.source.listed.items()}
-
-    def _label(self, text: str) -> str:
-        """Return the label of an entity that is declared or listed."""
-        label = self.source.label(text)
-        return label.lower() if self.options.case == "fold" else label
 
     @property
     def whole(self) -> list[Row]:
@@ -372,16 +365,13 @@ class BookRows:
         if self.options.case == "fold":
             ingredients = [label.lower() for label in ingredients]
             result = result.lower()
-        if len(ingredients) == 2:
-            recipe: Recipe | Fault | LeftOut = Recipe(ingredients, result)
-        else:
-            recipe = self._set(place, ingredients, result)
-        if kind and isinstance(recipe, Recipe):
-            first_kind = self.kinds.setdefault(recipe, kind)
-            if first_kind != kind:
-                message = f"{recipe} has the kind '{kind}' here, and '{first_kind}' above."
-                return fault_at(place, "row", message)
-        if quantities and isinstance(recipe, Recipe):
+        recipe = self._set(place, ingredients, result)
+        if not isinstance(recipe, Recipe):
+            return recipe
+        if kind and self.kinds.setdefault(recipe, kind) != kind:
+            message = f"{recipe} has the kind '{kind}' here, and '{self.kinds[recipe]}' above."
+            return fault_at(place, "row", message)
+        if quantities:
             numbers = quantities.split()
             if len(numbers) != len(ingredients) or not all(map(is_number, numbers)):
                 number = counted(len(ingredients), "ingredient")
@@ -426,17 +416,14 @@ class BookRows:
 
     def with_facts(self, book: RecipeBook) -> RecipeBook:
         """Return a book with the kinds and quantities of those rows that became its recipes."""
-        annotated_recipes = self.kinds.keys() | self.quantities.keys()
-        recipes = (
-            [recipe for recipe in book.recipes if recipe in annotated_recipes]
-            if annotated_recipes
-            else []
-        )
+        # Millions of recipes without any are not looked at one by one.
+        has_facts = self.kinds or self.quantities
+        recipes = set(book.recipes) if has_facts else set()
         return replace_field(
             book,
-            kinds={recipe: self.kinds[recipe] for recipe in recipes if recipe in self.kinds},
+            kinds={recipe: kind for recipe, kind in self.kinds.items() if recipe in recipes},
             quantities={
-                recipe: self.quantities[recipe] for recipe in recipes if recipe in self.quantities
+                recipe: numbers for recipe, numbers in self.quantities.items() if recipe in recipes
             },
         )
 
@@ -456,8 +443,10 @@ class BookRows:
         reading = self.source.reading
         notes = [*reading.notes, *notes_about(labels)]
         if self._other_quantities:
-            repeated = counted(self._other_quantities, "repeated recipe")
-            notes.append(f"{repeated} with other quantities, of which the first row counts")
+            notes.append(
+                f"{counted(self._other_quantities, 'repeated recipe')} with other quantities, of "
+                "which the first row counts"
+            )
         return replace(
             reading,
             container=self.content.container,

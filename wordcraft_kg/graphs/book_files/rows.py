@@ -1,6 +1,6 @@
 """What every reader yields: recipes, faults and rows left out; and the words of refusals."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -109,7 +109,7 @@ class FileRows:
         base: declared base entities with their places; None without a declaration.
         listed: entities that the file lists outside of recipes, with their places.
         is_exact: whether cells are labels as they stand, as in our own shapes.
-        label: returns the label that a declared or listed text stands for.
+
         numbered: all recipes at once, if each row is a plain recipe of two ingredients.
         records: cells of a table's rows by the names of the columns, by line.
     """
@@ -119,7 +119,7 @@ class FileRows:
     base: dict[str, Place] | None = None
     listed: dict[str, Place] = field(default_factory=dict)
     is_exact: bool = False
-    label: Callable[[str], str] = str
+
     numbered: RecipeRows | None = None
     records: dict[Place, dict[str, str]] = field(default_factory=dict)
 

@@ -9,12 +9,14 @@ reading that does. A reading that the user names is taken at their word.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
 
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs.book_files.cells import FileLabels, is_number, odd_label
 from wordcraft_kg.graphs.book_files.rows import Entry, Fault, Row, refusal
 from wordcraft_kg.graphs.book_files.words import Way, words_of
+from wordcraft_kg.graphs.recipes import Reading
 
 ELEMENTS = words_of(
     "water fire earth air wind eau feu terre vent agua fuego tierra aire viento wasser feuer erde "
@@ -49,7 +51,7 @@ def share_of_reused(recipes: Iterable[tuple[Iterable[str], str]]) -> float:
     recipes = list(recipes)
     results = {result for _, result in recipes}
     reused_labels = {part for parts, result in recipes for part in parts if part != result}
-    return len(results & reused_labels) / len(results) if results else 0.0
+    return len(results & reused_labels) / max(len(results), 1)
 
 
 @dataclass
@@ -58,23 +60,18 @@ class ReadingCandidate:
 
     Attributes:
         way: the paths of its ingredients and results.
-        columns: these paths as text, as in `columns`.
+        reading: the record of this reading, with these paths as text in ``columns``.
         entries: recipes, faults and rows left out.
         labels: the labels of its texts.
-        ignored, counts_dropped, several_outputs: see
-            :class:`~wordcraft_kg.graphs.recipes.Reading`.
         num_unmade: number of rows with ingredients and without a result.
         needs_reuse: whether a book of any size must hang together, as numbers beside labels may be
             properties.
     """
 
     way: Way
-    columns: tuple[str, ...]
+    reading: Reading
     entries: Sequence[Entry]
     labels: FileLabels
-    ignored: tuple[str, ...]
-    counts_dropped: int
-    several_outputs: int
     num_unmade: int
     needs_reuse: bool
 
@@ -92,11 +89,6 @@ class ReadingCandidate:
     def results(self) -> set[str]:
         """The different results."""
         return {result for _, result in self.recipes}
-
-    @property
-    def num_made(self) -> int:
-        """Number of different results."""
-        return len(self.results)
 
     @cached_property
     def share(self) -> float:
@@ -137,12 +129,12 @@ class ReadingCandidate:
     @property
     def command(self) -> str:
         """The options that read the file so."""
-        return f"--columns '{','.join(self.columns)}'"
+        return f"--columns '{','.join(self.reading.columns)}'"
 
     def __str__(self) -> str:
         first = self.rows[0]
-        sum_of = " + ".join(label[:40] for label in first.ingredients[:8])
-        return f"{sum_of} = {first.result[:40]} ({self.command})"
+        parts = " + ".join(label[:40] for label in first.ingredients[:8])
+        return f"{parts} = {first.result[:40]} ({self.command})"
 
     @cached_property
     def labels_used(self) -> set[str]:
@@ -188,7 +180,7 @@ def choose(
     documented = complete or documented
     named_readings = [reading for reading in documented if reading.way.is_named] or documented
     # Equal shares leave the more certain reading in front.
-    best = max(named_readings, key=lambda reading: reading.share, default=None)
+    best = max(named_readings, key=attrgetter("share"), default=None)
     is_sure = best is not None and best.way.is_named and not best.way.by_place
     if best is None or not is_sure or best.share <= LEAST_REUSED:
         readable += [reading for reading in guesses if reading.rows]
@@ -201,31 +193,24 @@ def choose(
     alike = [best, *(reading for reading in documented if reading.is_like(best))]
     best = max(alike, key=lambda reading: len(reading.recipes))
     different_readings = [reading for reading in readable if not reading.is_like(best)]
-    rivals = [
-        reading
-        for reading in different_readings
-        if reading.share > LEAST_REUSED and reading.is_clean
-    ]
     # Another order of the same labels is a reading only if it is no odder.
     if best.way.by_place or not best.way.is_named:
         odd = [
             reading
             for reading in different_readings
             if reading.contradictions < best.contradictions
+            and not reading.way.is_documented
+            and len(reading.results & best.labels_used) * 2 > len(reading.results)
+            and reading.is_clean
         ]
-        odd = [reading for reading in odd if not reading.way.is_documented]
-        odd = [
-            reading
-            for reading in odd
-            if len(reading.results & best.labels_used) * 2 > reading.num_made
-        ]
-        odd = [reading for reading in odd if reading.is_clean]
         if odd:
             raise _several(path, "two readings fit", [best, *odd], anchor)
     rivals = [
         reading
-        for reading in rivals
-        if reading.way.is_documented or reading.contradictions <= best.contradictions
+        for reading in different_readings
+        if reading.share > LEAST_REUSED
+        and reading.is_clean
+        and (reading.way.is_documented or reading.contradictions <= best.contradictions)
     ]
     if best.is_mostly_single and not allows_single:
         problem = (
@@ -233,15 +218,19 @@ def choose(
         )
         raise _several(path, problem, rivals, anchor)
     # Names of rows may be no results if none is used, and another key may hold the results.
-    is_unused = not best.way.is_named and bool(best.ignored) and best.num_made >= _FEWEST_UNUSED
-    is_judged = best.num_made >= FEWEST_RESULTS or (is_unused and not best.share)
+    is_unused = (
+        not best.way.is_named and bool(best.reading.ignored) and len(best.results) >= _FEWEST_UNUSED
+    )
+    is_judged = len(best.results) >= FEWEST_RESULTS or (is_unused and not best.share)
     hangs_together = best.share > LEAST_REUSED
     if not hangs_together and is_judged:
         raise _loose(path, best, rivals, anchor)
     # In a book that hangs together, a much looser reading is none, and neither is a guess.
-    close = [reading for reading in rivals if reading.share > best.share * _LIKE]
-    if hangs_together:
-        close = [reading for reading in close if reading.way.is_documented]
+    close = [
+        reading
+        for reading in rivals
+        if reading.share > best.share * _LIKE and (reading.way.is_documented or not hangs_together)
+    ]
     if close:
         problem = "two readings fit" if hangs_together else f"{_shown(best)} is not certain"
         is_advised = hangs_together and best.is_clean
@@ -271,51 +260,58 @@ def _undocumented(
     ways = [
         reading
         for reading in clean
-        if reading.folded_share > max(LEAST_REUSED, 1 / reading.num_made)
+        if reading.folded_share > max(LEAST_REUSED, 1 / len(reading.results))
     ]
     ways = ways or [reading for reading in clean if reading.way.is_order]
-    if ways:
-        # Of several orders of the same labels, the least odd ones.
-        min_contradictions = min(reading.contradictions for reading in ways)
-        ways = [reading for reading in ways if reading.contradictions == min_contradictions]
-        problem = "no key or column is a documented word for a result and its ingredients"
-        raise _several(path, problem, ways, anchor)
-    faulty = (
-        reading
-        for reading in candidates
-        if any(isinstance(e, Row | Fault) for e in reading.entries)
+    if not ways:
+        faulty = (
+            reading
+            for reading in candidates
+            if any(isinstance(entry, Row | Fault) for entry in reading.entries)
+        )
+        return next(faulty, None)
+    # Of several orders of the same labels, the least odd ones.
+    min_contradictions = min(reading.contradictions for reading in ways)
+    ways = [reading for reading in ways if reading.contradictions == min_contradictions]
+    raise _several(
+        path, "no key or column is a documented word for a result and its ingredients", ways, anchor
     )
-    return next(faulty, None)
 
 
 def _loose(
     path: Path, best: ReadingCandidate, rivals: Sequence[ReadingCandidate], anchor: str
 ) -> RecipeFileError:
     """Return the error for a book that does not hang together."""
+    num_results = len(best.results)
     problem = (
-        f"read as {_shown(best)}, {best.share * best.num_made:.0f} of {best.num_made:,} results "
-        "are ingredients of other recipes, so that this reading may be wrong"
+        f"read as {_shown(best)}, {best.share * num_results:.0f} of {num_results:,} results are "
+        "ingredients of other recipes, so that this reading may be wrong"
     )
     if best.folded_share > LEAST_REUSED:
         return refusal(path, problem, anchor, "Labels differ in case only: --case fold joins them.")
     if not rivals and best.way.is_named and best.is_clean:
-        remedy = f"If it is right, as in chemistry or cooking, say so: {best.command}."
-        return refusal(path, problem, anchor, remedy)
+        return refusal(
+            path,
+            problem,
+            anchor,
+            f"If it is right, as in chemistry or cooking, say so: {best.command}.",
+        )
     return _several(path, problem, rivals, anchor)
 
 
 def _shown(candidate: ReadingCandidate) -> str:
     num_parts = len(candidate.way.parts)
-    results = ", ".join(candidate.columns[num_parts:])
-    return f"{' + '.join(candidate.columns[:num_parts])} = {results}"
+    columns = candidate.reading.columns
+    return f"{' + '.join(columns[:num_parts])} = {', '.join(columns[num_parts:])}"
 
 
 def _several(
     path: Path, problem: str, readings: Sequence[ReadingCandidate], anchor: str
 ) -> RecipeFileError:
     if not readings:
-        remedy = "Name the ingredients and, last, the result with --columns."
-        return refusal(path, problem, anchor, remedy)
+        return refusal(
+            path, problem, anchor, "Name the ingredients and, last, the result with --columns."
+        )
     texts = list(dict.fromkeys(map(str, readings)))
     shown = " or ".join(texts[:_MOST_READINGS])
     return refusal(path, f"{problem}: {shown}", anchor, "Choose with --columns.")

@@ -215,8 +215,12 @@ def _guess_dialect(path: Path, lines: Sequence[str], usual: str) -> Dialect:
     if len(fitting) > 1:
         last = lines[-1]
         readings = [f"{_tolerant_cells(last, d)} ({DELIMITERS[d.delimiter]})" for d in fitting[:2]]
-        problem = f"two delimiters fit: {' or '.join(readings)}"
-        raise refusal(path, problem, "table", "Choose one with --delimiter.")
+        raise refusal(
+            path,
+            f"two delimiters fit: {' or '.join(readings)}",
+            "table",
+            "Choose one with --delimiter.",
+        )
     return fitting[0]
 
 
@@ -330,11 +334,13 @@ def _document(
     if width < 2:
         signs = DELIMITERS.get(source.reading.delimiter, repr(source.reading.delimiter))
         cell = body[0].cells[0] if body else ""
-        problem = (
+        raise refusal(
+            path,
             f"no table, because {signs} give 1 column ({cell[:80]!r}), and no lines a + b = c "
-            "with a sign such as = or ->"
+            "with a sign such as = or ->",
+            "lines",
+            "Another delimiter is named with --delimiter.",
         )
-        raise refusal(path, problem, "lines", "Another delimiter is named with --delimiter.")
     grid = _grid(body)
     if grid is not None:
         return grid
@@ -349,11 +355,10 @@ def _document(
         for at, name in enumerate(names)
     ] or [str(at + 1) for at in range(width)]
     document = Document([], is_table=True)
-    header_words = {name.casefold() for name in names if is_documented(name)}
     # Labels may be words of columns, but hardly those right below the header; in our own tables
     # they stand as they are.
-    header_words |= {cell.casefold() for row in heads[1:2] for cell in row.cells}
-    header_words = set() if source.is_exact else header_words
+    words_of_columns = chain(filter(is_documented, names), *(row.cells for row in heads[1:2]))
+    header_words = set() if source.is_exact else {word.casefold() for word in words_of_columns}
     for row in rows:
         if not isinstance(row, Line):
             document.others.append(row)
@@ -497,8 +502,9 @@ def read_lines(path: Path, text: str, *, fold: bool = False) -> FileRows:
     sides = {number: pair for number, pair in parted.items() if pair is not None}
     for number, (left_side, _, is_backward) in sides.items():
         if is_backward and "+" in left_side:
-            problem = f"line {number}, whose arrow points at a sum of ingredients"
-            raise refusal(path, problem, "lines")
+            raise refusal(
+                path, f"line {number}, whose arrow points at a sum of ingredients", "lines"
+            )
     sum_is_left = any("+" in left_side for left_side, _, _ in sides.values())
     if sum_is_left and any("+" in right_side for _, right_side, _ in sides.values()):
         raise refusal(path, "lines with sums on either side of the sign, or on both", "lines")
@@ -514,8 +520,7 @@ def read_lines(path: Path, text: str, *, fold: bool = False) -> FileRows:
     rows = [entry for entry in entries if isinstance(entry, Row)]
     labels = read_labels(rows, label_fault, fold=fold)
     source.entries = [labels.row(entry) if isinstance(entry, Row) else entry for entry in entries]
-    source.label = labels.label
-    source.reading = labels.facts(source.reading)
+    labels.finish(source)
     # Each label of Infinite Craft's base as a word of its own.
     if all(re.search(rf"\b{word}\b", text) for word in INFINITE_CRAFT_BASE):
         source.entries = without_nothing(source.entries, fold=fold)
@@ -537,10 +542,12 @@ def _check_marks(path: Path, rows: Sequence[Row], *, sum_is_left: bool) -> None:
         other_labels = [*inner, *(last if ends is first else first)]
         mark = _common_mark(pattern, ends, other_labels)
         if mark is not None:
-            problem = (
-                f"many lines {verb} as with {mark[:40]!r}, which may be a mark or part of a label"
+            raise refusal(
+                path,
+                f"many lines {verb} as with {mark[:40]!r}, which may be a mark or part of a label",
+                "lines",
+                "Remove it from the lines.",
             )
-            raise refusal(path, problem, "lines", "Remove it from the lines.")
 
 
 def _common_mark(pattern: re.Pattern[str], ends: list[str], other_labels: list[str]) -> str | None:
@@ -561,8 +568,12 @@ def _odd_line(number: int, line: str, *, is_heading: bool) -> LeftOut | Fault:
     if len(line) > MAX_LINE_LENGTH:
         return Fault(number, "row", too_long(line), "long")
     sample = repr(line.strip()[:80])
-    message = f"{sample} has no sign such as = or ->, or several; expected a + b = c."
-    return Fault(number, "row", message, "no sign")
+    return Fault(
+        number,
+        "row",
+        f"{sample} has no sign such as = or ->, or several; expected a + b = c.",
+        "no sign",
+    )
 
 
 def _recipes(source: FileRows, number: int, sides: _Sides, *, sum_is_left: bool) -> Iterator[Entry]:

@@ -31,8 +31,7 @@ def words_of(name: str) -> frozenset[str]:
         >>> sorted(words_of("Ingredient2_name")), sorted(words_of("canBeMadeWith"))
         (['2', 'ingredient', 'name'], ['be', 'can', 'made', 'with'])
     """
-    parted = _BETWEEN_WORDS.sub(" ", name)
-    words = re.findall(r"[^\W_]+", parted.lower())
+    words = re.findall(r"[^\W_]+", _BETWEEN_WORDS.sub(" ", name).lower())
     # East Asian words have no blanks between them.
     inner = [] if name.isascii() else [word for word in _JOINED if word in name]
     return frozenset((*words, *inner))

@@ -32,8 +32,7 @@ def write_book(book: RecipeBook, path: Path) -> None:
     if ending == ".json":
         write_atomically(target, book_json(book))
     elif ending in (".csv", ".tsv"):
-        delimiter = "," if ending == ".csv" else "\t"
-        lines = recipe_table(book, delimiter)
+        lines = recipe_table(book, "," if ending == ".csv" else "\t")
         write_atomically(target, chain(_directives(book), lines))
     else:
         raise RecipeFileError(
@@ -61,21 +60,26 @@ def write_rows(
         OSError: if the file cannot be written.
     """
     delimiter = "," if path.suffix.lower() == ".csv" else "\t"
-    header = own_header(max(map(len, book.recipes)) - 1)
-    facts = _facts(book)
-    lines = [csv_line((*header, *facts, *columns), delimiter)]
-    for labels, cells in rows:
-        fact_cells = (
-            values_by_recipe.get(Recipe.of(*labels), "") for values_by_recipe in facts.values()
-        )
-        lines.append(csv_line((*_in_columns(labels, header), *fact_cells, *cells), delimiter))
+    lines = _lines(book, columns, rows, delimiter)
     write_atomically(output_target(path), chain(_directives(book), lines))
 
 
-def _in_columns(labels: Sequence[str], header: Sequence[str]) -> tuple[str, ...]:
-    """Return the cells of a recipe, with blank ones after the last ingredient."""
-    *ingredients, result = labels
-    return (*ingredients, *[""] * (len(header) - len(labels)), result)
+def _lines(
+    book: RecipeBook,
+    columns: Sequence[str],
+    rows: Iterable[tuple[Sequence[str], Sequence[str]]],
+    delimiter: str,
+) -> Iterator[str]:
+    """Yield a header and rows, with kinds and quantities between the result and further cells."""
+    header = own_header(max(map(len, book.recipes)) - 1)
+    facts = _facts(book)
+    yield csv_line((*header, *facts, *columns), delimiter)
+    for labels, cells in rows:
+        recipe = Recipe.of(*labels)
+        *ingredients, result = labels
+        blanks = [""] * (len(header) - len(labels))
+        fact_cells = (values_by_recipe.get(recipe, "") for values_by_recipe in facts.values())
+        yield csv_line((*ingredients, *blanks, result, *fact_cells, *cells), delimiter)
 
 
 def _directives(book: RecipeBook) -> Iterator[str]:
@@ -100,16 +104,12 @@ def recipe_table(book: RecipeBook, delimiter: str = ",") -> Iterator[str]:
         book: the book, whose recipes are in the order of the lines.
         delimiter: one character between cells.
     """
+    if _facts(book):
+        yield from _lines(book, (), ((recipe, ()) for recipe in book.recipes), delimiter)
+        return
     rows = RecipeRows.of(book.recipes)
     num_ingredients = rows.ids.shape[1] - 1
-    header = own_header(num_ingredients)
-    facts = _facts(book)
-    yield delimiter.join((*header, *facts)) + "\n"
-    if facts:
-        for recipe in rows:
-            fact_cells = (values_by_recipe.get(recipe, "") for values_by_recipe in facts.values())
-            yield csv_line((*_in_columns(recipe, header), *fact_cells), delimiter)
-        return
+    yield csv_line(own_header(num_ingredients), delimiter)
     # A label is looked at once, not in each of its recipes; the padding is a blank cell.
     texts = [*(_cell(label, delimiter) for label in rows.labels), ""]
     cells = [text + delimiter for text in texts]

@@ -1,6 +1,7 @@
 """Pages of entities: the list, an entity and its recipes; and the search by labels."""
 
 import unicodedata
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import lru_cache
@@ -133,16 +134,15 @@ def list_entities(
         graph.use_counts[listed_ids].tolist(),
         strict=True,
     )
-    entities = tuple(
-        ListedEntity(
-            entity=label,
-            layer=at if at >= 0 else None,
-            recipes=num_recipes,
-            uses=num_uses,
-        )
-        for label, at, num_recipes, num_uses in rows
+    return EntityList(
+        wanted=wanted,
+        order=order,
+        paging=shown,
+        entities=tuple(
+            ListedEntity(label, at if at >= 0 else None, num_recipes, num_uses)
+            for label, at, num_recipes, num_uses in rows
+        ),
     )
-    return EntityList(wanted=wanted, order=order, paging=shown, entities=entities)
 
 
 def search_entities(graph: RecipeGraph, wanted: str, limit: int = 10) -> tuple[str, ...]:
@@ -311,9 +311,8 @@ class EntityProfile(Record):
     @property
     def held_out(self) -> int:
         """Number of recipes outside the train part."""
-        # Not a merged dict, which would keep one of two counts for a part.
-        parts = [*self.made_by.parts.items(), *self.used_in.parts.items()]
-        return sum(count for part, count in parts if part != "train")
+        counts = Counter(self.made_by.parts) + Counter(self.used_in.parts)
+        return counts["valid"] + counts["test"]
 
     @property
     def has_probabilities(self) -> bool:
@@ -375,9 +374,7 @@ def _recipes(split: Split, state: RecipesState, size: int) -> EntityRecipes:
     rows = rows_of(state.entity)
     # Counts of all parts, before the filter: the page links to the other parts.
     counts = np.bincount(split.parts[rows], minlength=len(PARTS)).tolist()
-    part_rows = rows
-    if state.part:
-        part_rows = rows[split.parts[rows] == PARTS.index(state.part)]
+    part_rows = rows[split.parts[rows] == PARTS.index(state.part)] if state.part else rows
     shown = paging(len(part_rows), state.page, size)
     return EntityRecipes(
         entity=state.entity,

@@ -139,23 +139,19 @@ def _view(explored: Explored, state: EpisodeState) -> EpisodeView:
     distractors = None if state.distractors < 0 else state.distractors
     # All agents act by the rules of one world, that of the first agent.
     world = explored.world_of(explored.settings_of(tasks, state.part, state.depth, distractors))
-    # A dict, so that a run that is given twice is shown once.
+    # A dict, so that a run that is given twice is shown once; the first is shown above.
     other_runs = dict(explored.followed(name) for name in state.other if name)
+    other_runs.pop(main_name, None)
     whole("task", state.task, 0, len(world.tasks) - 1)
     task = world.tasks[state.task]
     explained = _explained(main_run, world, state)
     agents = [_agent(main_name, main_run, explained)]
     for name, run in other_runs.items():
-        if name != main_name:
-            # A problem of another agent does not keep the first from acting.
-            try:
-                agents.append(_agent(name, run, _explained(run, world, state)))
-            except (ArtefactError, ConfigError) as error:
-                agents.append(
-                    AgentAtTable(
-                        run=name, checkpoint="", folds=0, explained=None, problem=str(error)
-                    )
-                )
+        # A problem of another agent does not keep the first from acting.
+        try:
+            agents.append(_agent(name, run, _explained(run, world, state)))
+        except (ArtefactError, ConfigError) as error:
+            agents.append(AgentAtTable(name, "", 0, None, problem=str(error)))
     steps = sum(len(agent.explained.episode.steps) for agent in agents if agent.explained)
     terminations = _terminations(main_run, world, state.task)
     return EpisodeView(
@@ -196,14 +192,17 @@ def _explained(run: FollowedRun, world: World, state: EpisodeState) -> Explained
     graph = world.graph
     if not state.is_edited:
         return explainer.task(state.task, state.distractor_seed)
-    goal = int(world.tasks.goals[state.task])
-    if state.goal:
-        goal = _label(graph, state.goal)
+    goal = _label(graph, state.goal) if state.goal else int(world.tasks.goals[state.task])
     # A visitor may change the goal alone, and keep the task's table.
+<<<<<<< HEAD
     if state.labels:
         table = [_label(graph, label) for label in state.labels]
     else:
         table = explainer.tables.table(state.task, state.distractor_seed)
+=======
+    table = [_label(graph, label) for label in state.labels]
+    table = table or explainer.drawn(state.task, state.distractor_seed)
+>>>>>>> a7
     selection = [_label(graph, state.selection)] if state.selection else []
     return explainer.table(goal, table, selection, like=state.task)
 

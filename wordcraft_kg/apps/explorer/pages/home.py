@@ -98,14 +98,13 @@ def _view(explored: Explored, _: HomeState) -> Overview:
 
 def _line(predictor: LinkPredictor) -> ModelLine:
     model = predictor.model
-    cross_fitted = folds_of(model.scorer)
-    folds = cross_fitted.count if cross_fitted else 0
+    folds = folds_of(model.scorer)
     return ModelLine(
         name=predictor.name,
         command=model.run.kind,
         kg=model.kg,
         train_sample=model.learned_from,
-        folds=folds,
+        folds=folds.count if folds else 0,
         scores_recipes=predictor.scores_recipes,
     )
 

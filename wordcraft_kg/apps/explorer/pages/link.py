@@ -187,7 +187,11 @@ def _view_pair(explored: Explored, state: PairState) -> PairProfile:
     if predictor is not None:
         link = predictor.ranked(predictor.slot(a_id, COMBINES_WITH, "tail"), b_id)
         if predictor.scores_recipes:
-            results = _results(explored, predictor, RecipeQuery((a, b, None)))
+            # The truth of all recipes is indexed once for each model.
+            key = ("recipe scores", predictor.name)
+            scoring = explored.once(key, lambda: RecipeScoring(predictor.scoring))
+            query = RecipeQuery((a, b, None))
+            results = tuple(scoring.answers([query], RESULTS, is_explained=True))
     return PairProfile(
         a=a,
         b=b,
@@ -198,15 +202,6 @@ def _view_pair(explored: Explored, state: PairState) -> PairProfile:
         results=results,
         examples=examples,
     )
-
-
-def _results(
-    explored: Explored, predictor: LinkPredictor, query: RecipeQuery
-) -> tuple[ScoredAnswer, ...]:
-    # The truth of all recipes is indexed once for each model.
-    key = ("recipe scores", predictor.name)
-    scoring = explored.once(key, lambda: RecipeScoring(predictor.scoring))
-    return tuple(scoring.answers([query], RESULTS, is_explained=True))
 
 
 def _pair(

@@ -1,7 +1,6 @@
 """The page for paths: from the base to a goal, and from any entity to another."""
 
 import math
-from collections.abc import Iterable
 from itertools import pairwise
 from operator import attrgetter
 from typing import Literal
@@ -11,9 +10,9 @@ import numpy as np
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, paging
 from wordcraft_kg.apps.explorer.pages.entities import layers_of
-from wordcraft_kg.apps.explorer.predictor import PlacedRecipe, recipes_giving
+from wordcraft_kg.apps.explorer.predictor import PlacedRecipe, placed_recipes, recipes_giving
 from wordcraft_kg.base import ConfigError, Count, Record, approximate
-from wordcraft_kg.graphs import COMPONENT_OF, PARTS, Part, Planner, Recipe, Split
+from wordcraft_kg.graphs import COMPONENT_OF, PARTS, Part, Planner, Recipe
 
 STEPS_A_PAGE = 200
 """Listed crafts on a page; a derivation may have thousands."""
@@ -99,7 +98,6 @@ class PathView(Record):
 
 
 def _view(explored: Explored, state: PathState) -> PathView:
-    split = explored.opened.split
     graph = explored.opened.graph
     if not graph.num_entities:
         raise ConfigError("The graph has no entities.")
@@ -107,15 +105,12 @@ def _view(explored: Explored, state: PathState) -> PathView:
     goal = graph.id_of(state.entity) if state.entity else furthest[0]
     planner = explored.planner()
     cost = planner.costs[goal]
-    steps: tuple[PlacedRecipe, ...] = ()
-    blocked: tuple[Blocked, ...] = ()
-    outcome: Outcome
-    if cost == math.inf:
+    is_possible = cost < math.inf
+    recipes = planner.derivation(goal).steps if is_possible else ()
+    steps = placed_recipes(explored.opened.split, graph.rows_of_labels(recipes))
+    outcome: Outcome = "made" if steps else "base"
+    if not is_possible:
         outcome = "impossible"
-        blocked = _blocked(planner, goal)
-    else:
-        steps = _steps(split, planner.derivation(goal).steps)
-        outcome = "made" if steps else "base"
     shown = paging(len(steps), state.page, STEPS_A_PAGE)
     parts = [step.part for step in steps]
     return PathView(
@@ -124,12 +119,12 @@ def _view(explored: Explored, state: PathState) -> PathView:
         base=planner.start,
         outcome=outcome,
         steps=len(steps),
-        cost="" if cost == math.inf else approximate(int(cost)),
+        cost=approximate(int(cost)) if is_possible else "",
         parts={part: parts.count(part) for part in PARTS if part in parts},
         paging=shown,
         listed=steps[shown.rows],
         recipes=len(graph.recipes_of(goal)),
-        blocked=blocked,
+        blocked=() if is_possible else _blocked(planner, goal),
         chain=chain_between(explored, graph.id_of(state.start), goal) if state.start else None,
     )
 
@@ -153,11 +148,8 @@ def chain_between(explored: Explored, start: int, goal: int) -> Chain:
     split = explored.opened.split
     graph = explored.opened.graph
 
-    def components() -> nx.DiGraph:
-        triples = graph.triples[graph.triples[:, 1] == COMPONENT_OF]
-        return nx.DiGraph(triples[:, [0, 2]].tolist())
-
-    links = explored.once("components", components)
+    arrows = graph.triples[graph.triples[:, 1] == COMPONENT_OF][:, [0, 2]]
+    links = explored.once("components", lambda: nx.DiGraph(arrows.tolist()))
     for source, target in ((start, goal), (goal, start)):
         # networkx raises for an entity without links.
         if source in links and target in links and nx.has_path(links, source, target):
@@ -166,25 +158,9 @@ def chain_between(explored: Explored, start: int, goal: int) -> Chain:
                 giving = recipes_giving(graph, head, COMPONENT_OF, tail)
                 # Part numbers ascend from train; argmin takes the first of equal ones.
                 rows.append(int(giving[split.parts[giving].argmin()]))
-            steps = _steps(split, graph.recipe_labels(graph.sets[rows]))
+            steps = placed_recipes(split, np.array(rows, dtype=np.int64))
             return Chain(graph.entities[source], graph.entities[target], steps)
     return Chain(graph.entities[start], graph.entities[goal], ())
-
-
-def _steps(split: Split, recipes: Iterable[Recipe]) -> tuple[PlacedRecipe, ...]:
-    """Return the recipes of a derivation with their parts."""
-    return tuple(PlacedRecipe(recipe, _part_of(split, recipe)) for recipe in recipes)
-
-
-def _part_of(split: Split, recipe: Recipe) -> Part:
-    graph = split.graph
-    *ingredients, result = (graph.id_of(label) for label in recipe)
-    padding = [graph.num_entities] * (graph.sets.shape[1] - len(recipe))
-    rows = graph.recipes_of(result)
-    # The graph has each recipe once, with ingredients in the order of ids, which is that of labels.
-    is_wanted = (graph.sets[rows] == [*ingredients, *padding, result]).all(axis=1)
-    (row,) = rows[is_wanted].tolist()
-    return PARTS[split.parts[row]]  # type: ignore[return-value]
 
 
 def _blocked(planner: Planner, goal: int) -> tuple[Blocked, ...]:

@@ -51,8 +51,7 @@ def _models(explored: Explored) -> tuple[str, ...]:
 
 def _view(explored: Explored, state: SuggestionsState) -> SuggestionsProfile:
     names = _models(explored)
-    name = state.model or next(iter(names), "")
-    predictor = explored.predictor(name)
+    predictor = explored.predictor(state.model or next(iter(names), ""))
     answer = None
     fault = ""
     # The form stays for another wish.

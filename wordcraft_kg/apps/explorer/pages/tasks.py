@@ -118,10 +118,8 @@ def outcomes_of(tasks: TaskSet, episodes: Iterable[PlayedTask]) -> Outcomes:
     }
     # Starting ingredients are padded with num_entities, here the index of the empty label.
     labels = np.array([*tasks.graph.entities, ""], dtype=object)
-    outcomes = []
-    for goal, start in zip(labels[tasks.goals], labels[tasks.starts].tolist(), strict=True):
-        outcomes.append(played.get((goal, tuple(filter(None, start))), ()))
-    return outcomes
+    pairs = zip(labels[tasks.goals], labels[tasks.starts].tolist(), strict=True)
+    return [played.get((goal, tuple(filter(None, start))), ()) for goal, start in pairs]
 
 
 def _solved(outcomes: tuple[TerminationReason, ...]) -> Won:
@@ -168,10 +166,8 @@ def view_task_table(
     listed = [number for number in numbers if won in ("any", solved[number])]
     shown = paging(len(listed), page, TASKS_A_PAGE)
     # Without results, no counts: zeros would say that the agent fails.
-    counts: dict[Won, int] = {}
-    if any(results[number] for number in numbers):
-        for kind in ("always", "sometimes", "never"):
-            counts[kind] = list(solved.values()).count(kind)
+    has_results = any(results[number] for number in numbers)
+    kinds: tuple[Won, ...] = ("always", "sometimes", "never") if has_results else ()
     return TaskTable(
         part=tasks.part,
         depth=tasks.depth,
@@ -180,7 +176,7 @@ def view_task_table(
         mixed=tasks.mixed,
         goal=goal,
         won=won,
-        counts=counts,
+        counts={kind: list(solved.values()).count(kind) for kind in kinds},
         paging=shown,
         rows=tuple(_listed(tasks, results[number], number) for number in listed[shown.rows]),
     )
@@ -218,22 +214,18 @@ def list_tasks(explored: Explored, state: TasksState) -> ShownTasks:
     if run is not None:
         missing = _missing(name, run, tasks)
         if not missing:
-            results = _results(explored, name, run, tasks)
-    table = view_task_table(tasks, results, goal=state.goal, won=state.success, page=state.page)
+            # A run may be trained and evaluated again while the server runs: the time of its end
+            # tells the two apart.
+            key = ("results", name, run.records().run.ended, tasks.hash)
+            episodes = run.episodes()
+            results = explored.once(key, lambda: outcomes_of(tasks, episodes.values()))
     return ShownTasks(
         run=name,
         runs=tuple(explored.runs),
         missing=missing,
         usual=explored.usual_part(),
-        table=table,
+        table=view_task_table(tasks, results, goal=state.goal, won=state.success, page=state.page),
     )
-
-
-def _results(explored: Explored, name: str, run: FollowedRun, tasks: TaskSet) -> Outcomes:
-    # A run may be trained and evaluated again while the server runs: the time of its end tells the
-    # two apart.
-    key = ("results", name, run.records().run.ended, tasks.hash)
-    return explored.once(key, lambda: outcomes_of(tasks, run.episodes().values()))
 
 
 def _missing(name: str, run: FollowedRun, tasks: TaskSet) -> str:

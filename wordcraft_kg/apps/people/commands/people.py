@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from wordcraft_kg.apps.people.study_config import CONSENT, StudyConfig
-from wordcraft_kg.base import ConfigError, as_lines, read_small_file, staged_file
+from wordcraft_kg.base import ConfigError, as_lines, counted, read_small_file, staged_file
 from wordcraft_kg.cli.console import Flag, Output, aligned, whole_numbers
 from wordcraft_kg.cli.options import Book, Force
 
@@ -153,7 +153,7 @@ def people_summary(
     sources = {path: read_study(path) for path in studies}
     if len(sources) < len(studies):
         raise ConfigError("a path is given twice; give each path once.")
-    sessions = list(chain.from_iterable(study.sessions() for study in sources.values()))
+    sessions = list(chain.from_iterable(study.sessions for study in sources.values()))
     view = view_people(sources, _compared(run or [], sessions))
     output.result(view, _text(view))
 
@@ -162,7 +162,7 @@ def _exported(study: "ReadStudy", out: Path, force: bool) -> tuple[dict[str, Any
     lines = as_lines(study.lines())
     with staged_file(out, force=force) as path:
         path.write_text("".join(lines), encoding="utf-8")
-    people = len(study.people)
+    people = len(study.answers)
     view = {"out": str(out), "people": people, "answers": len(lines)}
     return view, [f"wrote {out}: answers: {len(lines):,}, people: {people:,}"]
 
@@ -184,8 +184,7 @@ def _text(view: "HumanSummary") -> Iterator[str]:
     rows = []
     has_notes = False
     for condition in view.conditions:
-        noun = "distractor" if condition.distractors == 1 else "distractors"
-        amount = f"{condition.distractors} {noun}"
+        amount = counted(condition.distractors, "distractor")
         for part, row in condition.parts.items():
             rows.append((f"{amount}, {part}", _metrics(row)))
             if row.people_interval:

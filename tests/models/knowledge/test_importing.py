@@ -24,8 +24,8 @@ from wordcraft_kg.models.knowledge.wordnet import read_wordnet
 from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers import score_limits
-from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 from wordcraft_kg.models.scorers.factors import SetTableScorer
+from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 
 SYNSETS = [
     # offset, field, words, pointers (symbol, offset), gloss

@@ -194,15 +194,8 @@ def _explained(run: FollowedRun, world: World, state: EpisodeState) -> Explained
         return explainer.task(state.task, state.distractor_seed)
     goal = _label(graph, state.goal) if state.goal else int(world.tasks.goals[state.task])
     # A visitor may change the goal alone, and keep the task's table.
-<<<<<<< HEAD
-    if state.labels:
-        table = [_label(graph, label) for label in state.labels]
-    else:
-        table = explainer.tables.table(state.task, state.distractor_seed)
-=======
     table = [_label(graph, label) for label in state.labels]
-    table = table or explainer.drawn(state.task, state.distractor_seed)
->>>>>>> a7
+    table = table or explainer.tables.table(state.task, state.distractor_seed)
     selection = [_label(graph, state.selection)] if state.selection else []
     return explainer.table(goal, table, selection, like=state.task)
 

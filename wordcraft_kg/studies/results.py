@@ -15,15 +15,15 @@ import hashlib
 import json
 import logging
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import fields
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
-import pandas as pd
 from msgspec import structs
 from numpy.typing import NDArray
 
@@ -46,7 +46,8 @@ from wordcraft_kg.base import (
 from wordcraft_kg.base.artefacts import locked
 from wordcraft_kg.envs.draws import MOST_TASKS, distance_of
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import Ids, OpenedGraph, PlayedGraph, open_graph
+from wordcraft_kg.envs.world_config import WordCraftConfig
+from wordcraft_kg.graphs import OpenedGraph, PlayedGraph, open_graph
 from wordcraft_kg.studies.plan import Plan
 from wordcraft_kg.studies.study import Study, StudyCell, Values
 
@@ -99,27 +100,18 @@ def check_played(figures: "RunResult | RunMetrics") -> None:
             f"`won` has {max(successes)} successes of a task; expected at most `distractor_seeds` "
             f"{tables}"
         )
-    # Each task has the same number of episodes, so the mean over tasks is that over episodes.
-    episodes = len(successes) * tables
-    rate = sum(successes) / episodes
-    part = _part_of(figures.success)
-    _check_rate(f"success.{part}", figures.success[part], rate)
+    part = "test" if "test" in figures.success else "train"
+    if part not in figures.success:
+        raise ValueError("`success` has neither test nor train tasks")
+    claimed = {f"success.{part}": figures.success[part]}
     # Results may leave the reasons out, but not contradict `won` with them.
     if figures.terminations:
-        _check_rate("terminations.goal", figures.terminations.get("goal", 0.0), rate)
-
-
-def _check_rate(name: str, claimed: float, rate: float) -> None:
-    if abs(claimed - rate) > _ROUNDING:
-        raise ValueError(f"`{name}` is {claimed:g}, but `won` gives {rate:g}")
-
-
-def _part_of(success: Mapping[str, float]) -> str:
-    """Return the part of the tasks in ``won``: test, or train in a graph without test tasks."""
-    part = "test" if "test" in success else "train"
-    if part not in success:
-        raise ValueError("`success` has neither test nor train tasks")
-    return part
+        claimed["terminations.goal"] = figures.terminations.get("goal", 0.0)
+    # Each task has the same number of episodes, so the mean over tasks is that over episodes.
+    rate = sum(successes) / (len(successes) * tables)
+    for name, share in claimed.items():
+        if abs(share - rate) > _ROUNDING:
+            raise ValueError(f"`{name}` is {share:g}, but `won` gives {rate:g}")
 
 
 class RunResult(Record, frozen=True):
@@ -414,83 +406,8 @@ def hash_of(values: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-class PlayedTasks:
-    """The test tasks of a study's agents, found once for all agents that play the same."""
-
-    def __init__(self, open_address: Callable[[str], OpenedGraph]):
-        """Find tasks with a function that opens the graph of an address.
-
-        An address is, for example, ``graphs/2f65aebd52224b51``.
-        """
-        self._open = open_address
-        self._opened: dict[str, OpenedGraph] = {}
-        self._groups: dict[tuple[str, int, str], Ids] = {}
-
-    def groups(self, address: str, settings: Mapping[str, Any]) -> Ids:
-        """Return the resampling group of each test task of an agent, shape (K,).
-
-        Groups are numbered by first appearance.
-
-        Args:
-            address: address of the agent's graph.
-            settings: settings of a cell or a task, of which only task settings matter.
-
-        Raises:
-            TaskError: if the graph has no test tasks with these settings.
-            ConfigError: if a task setting is out of range.
-            ArtefactError, RecipeFileError: if the graph cannot be opened.
-        """
-        task_settings = {}
-        for field in fields(TaskConfig):
-            if field.name in settings:
-                task_settings[field.name] = settings[field.name]
-        config = TaskConfig(**task_settings).environment("test")
-        key = address, config.depth, config.task_weighting
-        if key not in self._groups:
-            every = World(self._graph(address), config).groups
-            # Of very many tasks, an even sample is played.
-            step = distance_of(len(every), MOST_TASKS)
-            self._groups[key], _ = pd.factorize(every[::step])
-        return self._groups[key]
-
-    def check(
-        self,
-        figures: RunMetrics,
-        address: str,
-        settings: Mapping[str, Any],
-        where: Path | str,
-    ) -> None:
-        """Check that an agent's results are of its graph, its split and its test tasks.
-
-        Args:
-            figures: results of the agent.
-            address: address of the agent's graph.
-            settings: settings of the agent's cell or task.
-            where: file or folder with the results, perhaps in words, for the error.
-
-        Raises:
-            ArtefactError: if they are of another graph, split or set of tasks.
-            TaskError, ConfigError, RecipeFileError: as :meth:`groups`.
-        """
-        expected = PlayedGraph.of(self._graph(address))
-        if figures.graph != expected:
-            raise ArtefactError(
-                f"{where} has results of {figures.graph.in_words}; expected {expected.in_words}. "
-                "Train again."
-            )
-        tasks = len(self.groups(address, settings))
-        if len(figures.won) != tasks:
-            raise ArtefactError(
-                f"{where} is damaged: 'won' has {len(figures.won):,} tasks; expected {tasks:,}, "
-                "all test tasks. Make it again, or restore a copy."
-            )
-
-    def _graph(self, address: str) -> OpenedGraph:
-        if address not in self._opened:
-            self._opened[address] = self._open(address)
-        return self._opened[address]
-
-
+_OF_TASKS = ("depth", "task_weighting")
+"""Settings on which tasks and their groups depend."""
 _STUDIES = "studies"
 _STOP = ".stop"
 
@@ -620,16 +537,21 @@ def collect_study(root: Path, name: str) -> StudyResults:
         ArtefactError: for an unknown study, or a damaged record of it.
     """
     plan = read_plan(root, name)
-    return _results(root, name, plan)
 
+    # Opening a graph and finding its tasks takes seconds, and most runs share them.
+    @cache
+    def opened(graph: str) -> OpenedGraph:
+        return open_graph(str(root / graph))
 
-def _results(root: Path, name: str, plan: PlannedStudy) -> StudyResults:
-    played = PlayedTasks(lambda address: open_graph(str(root / address)))
+    @cache
+    def groups_at(graph: str, config: WordCraftConfig) -> tuple[int, ...]:
+        return groups_of_tasks(opened(graph), config)
+
     groups: dict[tuple[int, ...], int] = {}
     graphs: dict[PlayedGraph, int] = {}
     versions: dict[str, str] = {}
     scorers: dict[str, ScorerMetrics] = {}
-    origins: dict[str, tuple[int, Origin]] = {}
+    origins: dict[tuple[str, tuple[tuple[str, str], ...]], int] = {}
     runs: list[RunResult] = []
     missing: list[Missing] = []
     # By address, so that a training that several cells share counts once.
@@ -637,23 +559,25 @@ def _results(root: Path, name: str, plan: PlannedStudy) -> StudyResults:
     for cell, address, scorer, graph in zip(
         plan.cells, plan.runs, plan.scorers, plan.graphs, strict=True
     ):
+        number = None
         try:
-            figures = _run_metrics(root, address)
+            figures = _run_metrics(root / address)
             # The tasks are unknown if the graph's folder was removed.
-            is_known = (root / graph).exists()
-            if is_known:
-                played.check(figures, graph, cell.settings, root / address)
+            if (root / graph).exists():
+                group_of_task = groups_at(graph, _played_config(cell.settings))
+                expected = PlayedGraph.of(opened(graph))
+                _check_tasks(figures, expected, len(group_of_task), root / address)
+                number = groups.setdefault(group_of_task, len(groups))
             if scorer is not None and scorer not in scorers:
                 scorers[scorer] = read_metrics(root / scorer, ScorerMetrics)
         except ArtefactError as error:
             missing.append(Missing(cell.variant, cell.values, cell.seed, str(error)))
             continue
-        number = None
-        if is_known:
-            group_of_task = tuple(played.groups(graph, cell.settings).tolist())
-            number = groups.setdefault(group_of_task, len(groups))
         versions |= figures.versions
         seconds[address] = figures.seconds
+        if scorer is not None:
+            seconds[scorer] = scorers[scorer].seconds
+        origin = (figures.platform, tuple(figures.versions.items()))
         runs.append(
             RunResult(
                 variant=cell.variant,
@@ -661,7 +585,7 @@ def _results(root: Path, name: str, plan: PlannedStudy) -> StudyResults:
                 seed=cell.seed,
                 run=address,
                 graph=graphs.setdefault(figures.graph, len(graphs)),
-                origin=_origin(origins, figures),
+                origin=origins.setdefault(origin, len(origins)),
                 mrr=scorers[scorer].mrr if scorer is not None else None,
                 success=_rounded(figures.success),
                 by_plan=_rounded(figures.by_plan),
@@ -670,8 +594,7 @@ def _results(root: Path, name: str, plan: PlannedStudy) -> StudyResults:
                 **{name: getattr(figures, name) for name in _KEPT},
             )
         )
-        if scorer is not None:
-            seconds[scorer] = scorers[scorer].seconds
+    run_counts = Counter(run.origin for run in runs)
     return StudyResults(
         format="wordcraft-kg results 1",
         name=name,
@@ -682,26 +605,55 @@ def _results(root: Path, name: str, plan: PlannedStudy) -> StudyResults:
         runs=tuple(runs),
         missing=tuple(missing),
         hours=round(sum(seconds.values()) / 3600, 4),
-        origins=tuple(origin for _, origin in origins.values()),
+        origins=tuple(
+            Origin(platform, dict(packages), run_counts[number])
+            for (platform, packages), number in origins.items()
+        ),
         groups=tuple(groups),
     )
 
 
-def _origin(origins: dict[str, tuple[int, Origin]], figures: RunMetrics) -> int:
-    """Count a run at its origin, and return the number of the origin."""
-    key = repr((figures.platform, figures.versions))
-    if key not in origins:
-        new = Origin(figures.platform, figures.versions, runs=0)
-        origins[key] = (len(origins), new)
-    number, origin = origins[key]
-    origins[key] = (number, structs.replace(origin, runs=origin.runs + 1))
-    return number
+def _played_config(settings: Values) -> WordCraftConfig:
+    """Return the test environment of a cell, with the settings alone that decide the tasks."""
+    task_settings = {name: settings[name] for name in _OF_TASKS if name in settings}
+    return TaskConfig(**task_settings).environment("test")  # type: ignore[arg-type]
 
 
-def _run_metrics(root: Path, address: str) -> RunMetrics:
-    if not (root / address / METRICS_FILE).exists():
+def groups_of_tasks(opened: OpenedGraph, config: WordCraftConfig) -> tuple[int, ...]:
+    """Return the resampling group of each task that is played, numbered by first appearance.
+
+    Args:
+        opened: graph and split.
+        config: settings of the environment.
+
+    Raises:
+        TaskError: if the graph has no tasks with these settings.
+    """
+    every = World(opened, config).groups
+    # Of very many tasks, an even sample is played.
+    played = every[:: distance_of(len(every), MOST_TASKS)].tolist()
+    numbers = {group: number for number, group in enumerate(dict.fromkeys(played))}
+    return tuple(numbers[group] for group in played)
+
+
+def _check_tasks(figures: RunMetrics, graph: PlayedGraph, tasks: int, folder: Path) -> None:
+    """Raise an ArtefactError for an agent's results on another graph, split or set of tasks."""
+    if figures.graph != graph:
+        raise ArtefactError(
+            f"{folder} has results of {figures.graph.in_words}; expected {graph.in_words}. "
+            "Train again."
+        )
+    if len(figures.won) != tasks:
+        raise ArtefactError(
+            f"{folder} is damaged: 'won' has {len(figures.won):,} tasks; expected {tasks:,}, "
+            "all test tasks. Make it again, or restore a copy."
+        )
+
+
+def _run_metrics(folder: Path) -> RunMetrics:
+    if not (folder / METRICS_FILE).exists():
         raise ArtefactError("not trained yet, or the training failed")
-    figures = read_metrics(root / address, RunMetrics)
+    figures = read_metrics(folder, RunMetrics)
     if "test" not in figures.success:
         raise ArtefactError("the split has no test tasks of this kind")
     return figures

@@ -5,11 +5,13 @@ It has means, intervals, differences to the reference, and success by scorer MRR
 
 import math
 from collections.abc import Sequence
+from itertools import chain
 from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
 import pandas as pd
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from wordcraft_kg.base import ConfigError, Count, Record, Share
@@ -315,7 +317,7 @@ def view_study(results: StudyResults) -> StudyView:
     study = results.study
     reference = study.reference or next(iter(study.variants))
     points = [_point(results, values, runs, reference) for values, runs in _cells(results)]
-    points = _corrected(points)
+    comparisons, corrected = _corrected(points)
     return StudyView(
         format="wordcraft-kg study report 1",
         name=results.name,
@@ -326,8 +328,8 @@ def view_study(results: StudyResults) -> StudyView:
         drawing=study.drawing,
         reference=reference,
         vary_split=study.vary_split,
-        points=tuple(points),
-        comparisons=len(_p_values(points)),
+        points=corrected,
+        comparisons=comparisons,
         claims=view_claims(results),
         missing=results.missing,
         versions=results.versions,
@@ -368,26 +370,16 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
             f"study '{results.name}' has no finished run, {len(missing):,} missing.{reason} "
             f"Run the study first: {results.command}"
         )
-    points: dict[bytes, tuple[Values, Runs]] = {}
+    points: dict[tuple[tuple[str, Value], ...], tuple[Values, Runs]] = {}
+    # Results are listed by grid point and variant, in the order of the study.
     for run in results.runs:
-        # Sorted: the order of settings in a file does not make another point.
-        key = msgspec.json.encode(run.values, order="sorted")
-        _, runs = points.setdefault(key, (run.values, {}))
+        _, runs = points.setdefault(tuple(run.values.items()), (run.values, {}))
         runs.setdefault(run.variant, []).append(run)
-    # An interrupted study may have runs in another order than its file.
-    order = {name: number for number, name in enumerate(results.study.variants)}
-    cells: list[tuple[Values, Runs]] = []
     for values, runs in points.values():
-        # Variants that the study does not name any more come last.
-        names = sorted(runs, key=lambda name: order.get(name, len(order)))
-        in_order = {name: runs[name] for name in names}
-        cells.append((values, in_order))
-    for values, runs in cells:
         condition = f" with {title_of(values)}" if values else ""
         for variant, members in runs.items():
-            cell = f"'{variant}'{condition}"
-            _check_alike(results, cell, members)
-    return cells
+            _check_alike(results, f"'{variant}'{condition}", members)
+    return list(points.values())
 
 
 def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> None:
@@ -459,32 +451,24 @@ def _point(results: StudyResults, values: Values, runs: Runs, reference: str) ->
     )
 
 
-def _p_values(points: Sequence[PointMetrics]) -> list[float]:
-    """Return all p-values of a study, in the order of points and variants."""
-    p_values: list[float] = []
-    for point in points:
-        for entry in point.variants:
-            if entry.comparison is not None and entry.comparison.p_value is not None:
-                p_values.append(entry.comparison.p_value)
-    return p_values
+def _corrected(points: Sequence[PointMetrics]) -> tuple[int, tuple[PointMetrics, ...]]:
+    """Apply Holm's correction over all comparisons of the study, which a reader sees together.
 
-
-def _corrected(points: Sequence[PointMetrics]) -> list[PointMetrics]:
-    """Return points with Holm's correction over all comparisons of the study.
-
-    A reader sees them together.
+    Returns:
+        The number of comparisons with a p-value, and the points with corrected p-values.
     """
-    # In the order of ``_p_values``, which is that of the loop below.
-    corrected = iter(holm(_p_values(points)))
+    p_values = []
+    for entry in chain.from_iterable(point.variants for point in points):
+        if entry.comparison is not None and entry.comparison.p_value is not None:
+            p_values.append(entry.comparison.p_value)
+    # In the same order as the loop above.
+    corrected = iter(holm(p_values))
 
     def with_p(entry: VariantMetrics) -> VariantMetrics:
         if entry.comparison is None or entry.comparison.p_value is None:
             return entry
-        comparison = msgspec.structs.replace(entry.comparison, p_corrected=next(corrected))
-        return msgspec.structs.replace(entry, comparison=comparison)
+        return replace(entry, comparison=replace(entry.comparison, p_corrected=next(corrected)))
 
-    corrected_points: list[PointMetrics] = []
-    for point in points:
-        variants = tuple(with_p(entry) for entry in point.variants)
-        corrected_points.append(msgspec.structs.replace(point, variants=variants))
-    return corrected_points
+    return len(p_values), tuple(
+        replace(point, variants=tuple(map(with_p, point.variants))) for point in points
+    )

@@ -26,8 +26,8 @@ from wordcraft_kg.studies.report import (
     write_study_report,
 )
 from wordcraft_kg.studies.results import Missing
-from wordcraft_kg.studies.study import Claim, Study
-from wordcraft_kg.studies.view import StudyView, title_of, view_study
+from wordcraft_kg.studies.study import Claim, Study, title_of
+from wordcraft_kg.studies.view import StudyView, view_study
 
 ODD = r"a_b & 50% | <i>#{x}^~\ *y*"
 

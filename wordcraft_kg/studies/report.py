@@ -1,7 +1,7 @@
 """A study report: tables, page and pictures from a study's summarised results."""
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby
 from operator import attrgetter
@@ -13,13 +13,13 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.charts import Chart
 from wordcraft_kg.reports.pages import Report, write_report
-from wordcraft_kg.studies.claims import ClaimVerdict, in_words
+from wordcraft_kg.studies.claims import in_words
+from wordcraft_kg.studies.study import title_of
 from wordcraft_kg.studies.view import (
     Interval,
     PointMetrics,
     StudyView,
     VariantMetrics,
-    title_of,
 )
 
 
@@ -97,6 +97,16 @@ def signed(value: float, form: str) -> str:
     return text.replace("-", "−")
 
 
+def p_value_of(at: VariantMetrics) -> str:
+    """Format the corrected p-value of the difference to the reference; empty without one."""
+    if at.comparison is None:
+        return ""
+    p = at.comparison.p_corrected
+    if p is None:
+        return "–"
+    return "<.001" if p < 0.001 else f"{p:.2g}"
+
+
 def _mrr(at: VariantMetrics) -> str:
     if at.mrr is None or at.mrr_range is None:
         return ""
@@ -118,7 +128,8 @@ def _reached(at: VariantMetrics) -> str:
     return _amount(at.reached) + ends
 
 
-def _difference(at: VariantMetrics) -> str:
+def difference_of(at: VariantMetrics) -> str:
+    """Format the difference to the reference with its interval; empty without one."""
     if at.comparison is None:
         return ""
     return with_bounds(at.comparison.difference, at.comparison.interval, "+.3f")
@@ -135,10 +146,10 @@ _COLUMNS: tuple[_Column, ...] = (
     ("seeds", lambda at: str(len(at.seeds))),
     (f"success {_RESAMPLED}", lambda at: with_bounds(at.mean, at.interval)),
     ("success [seeds]", lambda at: bounds(at.seed_interval)),
-    (f"difference {_RESAMPLED}", _difference),
+    (f"difference {_RESAMPLED}", difference_of),
     ("train", lambda at: "" if at.train is None else f"{at.train:.3f}"),
     ("MRR", _mrr),
-    ("p", lambda at: _p_value(at.comparison.p_corrected) if at.comparison else ""),
+    ("p", p_value_of),
     ("reached after", _reached),
 )
 
@@ -235,73 +246,6 @@ def _values(point: PointMetrics, at: VariantMetrics, grid: Sequence[str]) -> dic
     }
 
 
-def lines_of(view: StudyView) -> Iterator[str]:
-    """Yield the success of each agent at each grid point, and verdicts on claims, as text."""
-    yield f"{view.title}: success on test tasks"
-    for point in view.points:
-        yield from _lines_of_point(point)
-    yield f"intervals: 95 % over {view.resampled}{_compared(view)}"
-    yield from _lines_of_claims(view.claims)
-    if view.missing:
-        first = view.missing[0]
-        number = counted(len(view.missing), "training")
-        training = f"{first.variant}, seed {first.seed}"
-        yield f"{number} without results; the first, {training}: {first.why}"
-
-
-def _compared(view: StudyView) -> str:
-    if not view.comparisons:
-        return ""
-    of = "of the comparison"
-    if view.comparisons > 1:
-        of = f"of {view.comparisons} comparisons, corrected by Holm"
-    return f"; differences to {view.reference}; p {of}"
-
-
-def _lines_of_claims(claims: Sequence[ClaimVerdict]) -> Iterator[str]:
-    if not claims:
-        return
-    yield "claims"
-    width = max(len(claim.verdict) for claim in claims)
-    indent = "".ljust(width)
-    for claim in claims:
-        yield f"  {claim.verdict:<{width}}  {claim.text}"
-        for measured in claim.measured:
-            yield f"  {indent}  {title_of(measured.values)}: {in_words(claim, measured)}"
-
-
-def _lines_of_point(point: PointMetrics) -> Iterator[str]:
-    facts = []
-    # Without a grid, the title of the point already names the graphs.
-    if point.values:
-        facts = [f"{graph.name}, {graph.kind}" for graph in point.graphs]
-    # Splits of one graph and kind are named once.
-    facts = list(dict.fromkeys(facts))
-    facts.append(counted(point.tasks, "test task"))
-    yield f"{point.title} ({'; '.join(facts)})"
-    # Columns of one width for all variants.
-    names = [entry.variant for entry in point.variants]
-    values = [with_bounds(entry.mean, entry.interval) for entry in point.variants]
-    width = max(map(len, names))
-    longest = max(map(len, values))
-    for entry, value in zip(point.variants, values, strict=True):
-        name = f"{entry.variant:<{width}}"
-        seeds = counted(len(entry.seeds), "seed")
-        yield f"  {name}  {value:<{longest}}  {seeds}{_comparison(entry)}".rstrip()
-
-
-def _p_value(p: float | None) -> str:
-    if p is None:
-        return "–"
-    return "<.001" if p < 0.001 else f"{p:.2g}"
-
-
-def _comparison(entry: VariantMetrics) -> str:
-    if entry.comparison is None:
-        return ""
-    return f"  {_difference(entry)}  p {_p_value(entry.comparison.p_corrected)}"
-
-
 _SUCCESS = "greedy success on test tasks"
 
 
@@ -333,10 +277,11 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
     """
     # A claim has one verdict for each grid point, all in a row: the page prints its text once.
     claims = [list(verdicts) for _, verdicts in groupby(view.claims, key=attrgetter("text"))]
+    panels = panels_of(view)
     return Report(
         view,
         "wordcraft_kg.studies/study_report.html.j2",
-        {"panels": panels_of(view)},
+        {"panels": panels},
         # Functions too: the template formats a value where it is printed.
         shown={
             "tables": tables_of(view),
@@ -348,15 +293,10 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
         },
         files={
             "table.csv": as_csv(view),
-            "figure.svg": study_figure(view),
-            "figure.pdf": charts.as_pdf(list(panels_of(view).items()), view.title),
+            "figure.svg": charts.as_file(list(panels.items()), view.title),
+            "figure.pdf": charts.as_pdf(list(panels.items()), view.title),
         },
     )
-
-
-def study_figure(view: StudyView) -> str:
-    """Return a study's picture as the text of an SVG file, with a chart for each grid point."""
-    return charts.as_file(list(panels_of(view).items()), view.title)
 
 
 def panels_of(view: StudyView) -> dict[str, Chart]:

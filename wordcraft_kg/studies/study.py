@@ -458,6 +458,20 @@ def points_of(study: Study) -> list[Values]:
     return points
 
 
+def title_of(values: Values) -> str:
+    """Describe grid settings in words, such as ``8 distractors, split by-goal``."""
+    words = []
+    for name, value in values.items():
+        if name == "distractors":
+            words.append(f"{value} distractor" if value == 1 else f"{value} distractors")
+        elif name == "book":
+            words.append(str(value))
+        else:
+            # As in the study's file, where truth values are written in small letters.
+            words.append(f"{name} {str(value).lower() if isinstance(value, bool) else value}")
+    return ", ".join(words)
+
+
 def points_at(study: Study, values: Values) -> list[Values]:
     """Return the grid points that have the given values for the given settings."""
     return [point for point in points_of(study) if values.items() <= point.items()]

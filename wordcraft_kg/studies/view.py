@@ -26,7 +26,7 @@ from wordcraft_kg.evaluation.agent_metrics import CurvePoint
 from wordcraft_kg.graphs.graph_folder import PlayedGraph
 from wordcraft_kg.studies.claims import ClaimVerdict, view_claims
 from wordcraft_kg.studies.results import Missing, Origin, RunResult, StudyResults, steps_to
-from wordcraft_kg.studies.study import Drawing, Value, Values
+from wordcraft_kg.studies.study import Drawing, Value, Values, title_of
 
 Interval = tuple[float, float]
 """Lower and upper end."""
@@ -336,21 +336,6 @@ def view_study(results: StudyResults) -> StudyView:
         hours=results.hours,
         origins=results.origins,
     )
-
-
-def title_of(values: Values) -> str:
-    """Describe grid settings in words, such as ``8 distractors, split by-goal``."""
-    return ", ".join(_worded(name, value) for name, value in values.items())
-
-
-def _worded(name: str, value: Value) -> str:
-    if name == "distractors":
-        return f"{value} distractor" if value == 1 else f"{value} distractors"
-    if name == "book":
-        return str(value)
-    # As in the study's file, where truth values are written in small letters.
-    shown = str(value).lower() if isinstance(value, bool) else value
-    return f"{name} {shown}"
 
 
 def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:

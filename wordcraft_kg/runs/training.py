@@ -12,12 +12,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.graph_folder import OpenedGraph, open_graph
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig, moved
 from wordcraft_kg.runs.progress import ProgressBar
-from wordcraft_kg.runs.record import RUN_FILE, RunFiles, RunRecord, read_run
+from wordcraft_kg.runs.record import RunFiles, RunRecord, read_run
 from wordcraft_kg.runs.run_folder import (
     Progress,
     RunFolder,
@@ -301,53 +301,6 @@ def _checked_settings(
     # Inputs with equal hashes may have moved: the recorded settings get their current paths.
     paths = {name: getattr(config, name) for name in input_hashes if hasattr(config, name)}
     return replace(recorded, graph=config.graph, **paths)
-
-
-def train_seeds(
-    trainer: type[Training[C, P, T]],
-    configs: Mapping[int, C],
-    parent: Path,
-    *,
-    force: bool = False,
-    trackers: Iterable[Tracker | str] = (),
-    progress: Callable[[int], Progress | bool | None] = lambda seed: None,
-) -> Iterator[tuple[int, T]]:
-    """Train once per seed, in the run folders ``parent/seed-N``.
-
-    Finished runs are kept, and interrupted runs are resumed.
-
-    Args:
-        trainer: trainer class.
-        configs: settings by seed.
-        parent: folder of the run folders.
-        force: train all seeds anew.
-        trackers: metric trackers, by name or as objects.
-        progress: returns the progress callback for a seed, see :func:`train`.
-
-    Yields:
-        Each seed with the outcome, as soon as it is trained.
-
-    Raises:
-        OutputExistsError: if ``parent`` is itself a run; for other errors, see :func:`train`.
-    """
-    if (parent / RUN_FILE).exists():
-        raise OutputExistsError(
-            f"'{parent}' is a single run; several seeds need a folder for all runs. "
-            "Choose another `out`."
-        )
-    # An iterator would be empty for the second seed.
-    trackers = list(trackers)
-    for seed, config in configs.items():
-        outcome = train(
-            trainer,
-            config,
-            parent / f"seed-{seed}",
-            force=force,
-            keep=True,
-            trackers=trackers,
-            progress=progress(seed),
-        )
-        yield seed, outcome
 
 
 @contextmanager

@@ -61,7 +61,7 @@ def test_csv_has_a_row_for_each_variant_of_each_point(view):
 
 @pytest.mark.parametrize(
     ("value", "form", "text"),
-    [(-0.5, "+.2f", "−0.50"), (-0.0001, "+.2f", "+0.00"), (-0.001, ".2f", "0.00")],
+    [(-0.5, "+z.2f", "−0.50"), (-0.0001, "+z.2f", "+0.00"), (-0.001, "z.2f", "0.00")],
 )
 def test_numbers_have_a_true_minus_and_none_for_zero(value, form, text):
     assert signed(value, form) == text

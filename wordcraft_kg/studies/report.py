@@ -1,6 +1,5 @@
 """A study report: tables, page and pictures from a study's summarised results."""
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby
@@ -47,19 +46,13 @@ def tables_of(view: StudyView) -> list[StudyTable]:
 
     A column without text at all points is left out of all tables, so that tables stay comparable.
     """
-    entries = _entries(view)
-    headings = []
-    texts = []
-    for heading, text in _COLUMNS:
-        if any(text(entry) for entry in entries):
-            headings.append(heading.replace(_RESAMPLED, "[splits]") if view.vary_split else heading)
-            texts.append(text)
+    columns = [column for column in _COLUMNS if any(map(column[1], _entries(view)))]
+    over = "[splits]" if view.vary_split else _RESAMPLED
+    headings = tuple(heading.replace(_RESAMPLED, over) for heading, _ in columns)
     tables = []
     for point in view.points:
-        rows = []
-        for entry in point.variants:
-            rows.append(tuple(text(entry) for text in texts))
-        tables.append(StudyTable(point.title, tuple(headings), tuple(rows)))
+        rows = [tuple(text(entry) for _, text in columns) for entry in point.variants]
+        tables.append(StudyTable(point.title, headings, tuple(rows)))
     return tables
 
 
@@ -67,7 +60,7 @@ def _entries(view: StudyView) -> list[VariantMetrics]:
     return list(chain.from_iterable(point.variants for point in view.points))
 
 
-def with_bounds(value: float, interval: Interval | None, form: str = ".3f") -> str:
+def with_bounds(value: float, interval: Interval | None, form: str = "z.3f") -> str:
     """Format a value with its interval bounds, such as ``0.500 [0.400, 0.610]``.
 
     Args:
@@ -79,8 +72,8 @@ def with_bounds(value: float, interval: Interval | None, form: str = ".3f") -> s
     return f"{shown} {bounds(interval, form)}" if interval else shown
 
 
-def bounds(interval: Interval | None, form: str = ".3f") -> str:
-    """Format interval bounds by a format specification such as ".3f"; empty for None."""
+def bounds(interval: Interval | None, form: str = "z.3f") -> str:
+    """Format interval bounds by a format specification such as "z.3f"; empty for None."""
     if interval is None:
         return ""
     low, high = interval
@@ -88,13 +81,8 @@ def bounds(interval: Interval | None, form: str = ".3f") -> str:
 
 
 def signed(value: float, form: str) -> str:
-    """Format a number with a true minus sign, and a rounded 0 without sign."""
-    text = format(value, form)
-    is_zero = not re.search("[1-9]", text)
-    if is_zero:
-        sign = "+" if "+" in form else ""
-        text = text.replace("-", sign)
-    return text.replace("-", "−")
+    """Format a number with a true minus sign; with z in the form, a rounded 0 has none."""
+    return format(value, form).replace("-", "−")
 
 
 def p_value_of(at: VariantMetrics) -> str:
@@ -110,9 +98,7 @@ def p_value_of(at: VariantMetrics) -> str:
 def _mrr(at: VariantMetrics) -> str:
     if at.mrr is None or at.mrr_range is None:
         return ""
-    lowest, highest = at.mrr_range
-    low = f"{lowest:.3f}"
-    high = f"{highest:.3f}"
+    low, high = (f"{end:.3f}" for end in at.mrr_range)
     # Variants often share one scorer: then there is no range to show.
     shown_range = "" if low == high else f" ({low}–{high})"
     return f"{at.mrr:.3f}{shown_range}"
@@ -132,7 +118,7 @@ def difference_of(at: VariantMetrics) -> str:
     """Format the difference to the reference with its interval; empty without one."""
     if at.comparison is None:
         return ""
-    return with_bounds(at.comparison.difference, at.comparison.interval, "+.3f")
+    return with_bounds(at.comparison.difference, at.comparison.interval, "+z.3f")
 
 
 def _amount(steps: int | None) -> str:
@@ -312,10 +298,8 @@ def panels_of(view: StudyView) -> dict[str, Chart]:
 def _curves(view: StudyView, point: PointMetrics) -> Chart:
     """Draw the success of each variant over training."""
     # A variant keeps its colour at all points.
-    colours: dict[str, int] = {}
-    for at in view.points:
-        for entry in at.variants:
-            colours.setdefault(entry.variant, len(colours))
+    variants = dict.fromkeys(entry.variant for entry in _entries(view))
+    colours = {variant: number for number, variant in enumerate(variants)}
     series: dict[str, list[tuple[int, float, float | None, float | None]]] = {}
     last_step = max(at.step for entry in point.variants for at in entry.curve)
     without_curve = []
@@ -338,17 +322,12 @@ def _curves(view: StudyView, point: PointMetrics) -> Chart:
 
 def _bars(view: StudyView, point: PointMetrics) -> Chart:
     """Draw the final success of each variant, with its interval and a line for the reference."""
-    # A point where the reference has no runs has no line.
-    reference = None
-    rows = []
-    for entry in point.variants:
-        rows.append((entry.variant, (entry.mean, *entry.interval)))
-        if entry.variant == view.reference:
-            reference = entry.mean
+    means = {entry.variant: entry.mean for entry in point.variants}
     return charts.intervals(
-        rows,
+        [(entry.variant, (entry.mean, *entry.interval)) for entry in point.variants],
         f"success on test tasks, 95 % over {view.resampled}",
         f"Success of each variant, {point.title}",
-        reference=reference,
+        # A point where the reference has no runs has no line.
+        reference=means.get(view.reference),
         percent=True,
     )

@@ -100,10 +100,10 @@ def _suggested(trial: Any, study: Study) -> Values:
     for name, space in study.search.items():
         if isinstance(space, list):
             values[name] = trial.suggest_categorical(name, space)
-            continue
-        is_whole = isinstance(space.low, int) and isinstance(space.high, int)
-        suggest = trial.suggest_int if is_whole else trial.suggest_float
-        values[name] = suggest(name, space.low, space.high, log=space.log)
+        else:
+            is_whole = isinstance(space.low, int) and isinstance(space.high, int)
+            suggest = trial.suggest_int if is_whole else trial.suggest_float
+            values[name] = suggest(name, space.low, space.high, log=space.log)
     return values
 
 

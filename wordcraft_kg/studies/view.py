@@ -179,16 +179,13 @@ def _comparison(
     members: list[RunResult],
     base: list[RunResult],
 ) -> VariantComparison | None:
-    by_seed = {run.seed: run for run in base}
-    paired = []
-    for run in members:
-        partner = by_seed.get(run.seed)
-        # Only the same task, with the same distractors, makes a pair.
-        if partner is not None and results.tasks_of(run) == results.tasks_of(partner):
-            paired.append(run)
+    # Only the same task, with the same distractors, makes a pair.
+    partners = {(run.seed, results.tasks_of(run)): run for run in base}
+    keys = [(run.seed, results.tasks_of(run)) for run in members]
+    paired = [run for run, key in zip(members, keys, strict=True) if key in partners]
     if members is base or not paired:
         return None
-    rates = results.rates_of([by_seed[run.seed] for run in paired])
+    rates = results.rates_of([partners[key] for key in keys if key in partners])
     differences = results.rates_of(paired).scores - rates.scores
     (difference, low, high), exact = crossed_difference(differences, rates.groups, rates.splits)
     p_value = exact if len(paired) >= FEWEST_PAIRS else None
@@ -206,13 +203,10 @@ def _curves(members: Sequence[RunResult]) -> tuple[list[int], NDArray[np.float64
 
 def _curve(members: Sequence[RunResult]) -> tuple[CurvePoint, ...]:
     steps, table = _curves(members)
-    if not steps:
-        return ()
-    points: list[CurvePoint] = []
-    for step, column in zip(steps, table.T, strict=True):
-        low, high = student_interval(column) or (None, None)
-        points.append(CurvePoint(step, float(column.mean()), low, high))
-    return tuple(points)
+    return tuple(
+        CurvePoint(step, float(column.mean()), *(student_interval(column) or (None, None)))
+        for step, column in zip(steps, table.T, strict=True)
+    )
 
 
 def _reached(
@@ -239,10 +233,11 @@ def _reached(
     reached = first(table.mean(axis=0) - finals.mean())
     # For the interval each run is measured against the reference's end with its own seed.
     final_of = {run.seed: final for run, final in zip(base, finals, strict=True)}
-    ahead = []
-    for run, row in zip(members, table, strict=True):
-        if run.seed in final_of:
-            ahead.append(row - final_of[run.seed])
+    ahead = [
+        row - final_of[run.seed]
+        for run, row in zip(members, table, strict=True)
+        if run.seed in final_of
+    ]
     if len(ahead) < 2:
         return reached, None
     # Shape (steps, runs): an interval over the runs at each step.
@@ -345,15 +340,11 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
         ConfigError: if no run is finished, or runs of a variant at a point differ in their graphs
             or tasks.
     """
-    missing = results.missing
     if not results.runs:
-        reason = ""
-        if missing:
-            first = missing[0].why.rstrip(".")
-            reason = f" The first: {first}."
+        reasons = [f" The first: {gap.why.rstrip('.')}." for gap in results.missing[:1]]
         raise ConfigError(
-            f"study '{results.name}' has no finished run, {len(missing):,} missing.{reason} "
-            f"Run the study first: {results.command}"
+            f"study '{results.name}' has no finished run, {len(results.missing):,} missing."
+            f"{''.join(reasons)} Run the study first: {results.command}"
         )
     points: dict[tuple[tuple[str, Value], ...], tuple[Values, Runs]] = {}
     # Results are listed by grid point and variant, in the order of the study.
@@ -378,14 +369,12 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
     Raises:
         ConfigError: if graphs, splits or tasks differ, or a seed occurs twice.
     """
+    # A mean over seeds is about one set of tasks, unless each has a split by the study's plan.
+    identity = _book_and_tables if results.study.vary_split else StudyResults.tasks_of
     first = members[0]
     seeds: set[int] = set()
     for run in members:
-        # A mean over seeds is about one set of tasks, unless each has a split by the study's plan.
-        is_alike = results.tasks_of(run) == results.tasks_of(first)
-        if results.study.vary_split:
-            is_alike = _book_and_tables(results, run) == _book_and_tables(results, first)
-        if not is_alike:
+        if identity(results, run) != identity(results, first):
             raise ConfigError(
                 f"{cell}: seeds {first.seed} and {run.seed} were played on different graphs, "
                 f"splits or tasks ({_played(results, first)}; {_played(results, run)}), so their "
@@ -413,26 +402,17 @@ def _played(results: StudyResults, run: RunResult) -> str:
 
 def _point(results: StudyResults, values: Values, runs: Runs, reference: str) -> PointMetrics:
     base = runs.get(reference, [])
-    variants = []
-    graphs = {}
-    for name, members in runs.items():
-        variants.append(metrics_of(results, name, members, base))
-        for run in members:
-            graphs[run.graph] = results.graphs[run.graph]
-    first_runs = next(iter(runs.values()))
-    # A variant that lacks a training lacks the tasks of its split.
-    num_tasks = max(results.rates_of(members).scores.shape[1] for members in runs.values())
-    title = title_of(values)
-    if not values:
-        names = [f"{graph.name}, {graph.kind}" for graph in graphs.values()]
-        title = ", ".join(dict.fromkeys(names))
+    every_run = list(chain.from_iterable(runs.values()))
+    graphs = [results.graphs[number] for number in dict.fromkeys(run.graph for run in every_run)]
+    names = dict.fromkeys(f"{graph.name}, {graph.kind}" for graph in graphs)
     return PointMetrics(
         values=values,
-        title=title,
-        graphs=tuple(graphs.values()),
-        tasks=num_tasks,
-        distractor_seeds=first_runs[0].distractor_seeds,
-        variants=tuple(variants),
+        title=title_of(values) or ", ".join(names),
+        graphs=tuple(graphs),
+        # A variant that lacks a training lacks the tasks of its split.
+        tasks=max(results.rates_of(members).scores.shape[1] for members in runs.values()),
+        distractor_seeds=every_run[0].distractor_seeds,
+        variants=tuple(metrics_of(results, name, members, base) for name, members in runs.items()),
     )
 
 

@@ -272,7 +272,11 @@ def _train_seeds(
         raise ConfigError(
             f"--seed {settings.seed} and --seeds {seeds} cannot be combined; use only one."
         )
-    numbers = whole_numbers("seeds", [seeds])
+    # All before the first training, so that a seed out of range is refused at once.
+    configs = {
+        seed: replace(config, **{part: replace(settings, seed=seed)})
+        for seed in whole_numbers("seeds", [seeds])
+    }
     parent = config.default_folder(open_graph(config.graph).graph.name) if out is None else out
     if (parent / RUN_FILE).exists():
         raise OutputExistsError(
@@ -282,9 +286,8 @@ def _train_seeds(
     values: dict[str, Values] = {}
     try:
         # One by one: each seed's report is there before the next training begins.
-        for seed in numbers:
+        for seed, seed_config in configs.items():
             name = f"seed-{seed}"
-            seed_config = replace(config, **{part: replace(settings, seed=seed)})
             progress = output.progress(name, unit=command.trainer().kind.unit)
             trained = _train(command, seed_config, parent / name, force, True, trackers, progress)
             values[str(seed)] = command.values(trained)
@@ -295,7 +298,7 @@ def _train_seeds(
                 "with --force the command trains all seeds again; "
                 "leave out --force to keep finished seeds"
             )
-        progress_so_far = f"{len(values)} of {len(numbers)} seeds are done"
+        progress_so_far = f"{len(values)} of {len(configs)} seeds are done"
         raise KeyboardInterrupt(f"interrupted; {progress_so_far}, {advice}") from None
     following = command_line("compare", parent, *command.compared_with)
     end = f"wrote {parent}/   next: {following}"

@@ -230,7 +230,7 @@ def begun_run(
     # Preparing may take long or fail, so an old folder is still in its place.
     training.prepare()
     kind = trainer.kind
-    with shown(progress, kind.name, kind.unit) as report, new_run(folder, kind, force=force) as run:
+    with shown(progress, kind) as report, new_run(folder, kind, force=force) as run:
         begun = {"inputs": {}, **training.begin(run, report)}
         # Hashes of graph and split belong to every run; a trainer adds its own inputs.
         inputs = {"graph": opened.graph.hash, "split": opened.split.hash, **begun.pop("inputs")}
@@ -259,7 +259,7 @@ def _resumed(
     progress: Progress | bool | None,
 ) -> Iterator[Callable[[], T]]:
     kind = training.kind
-    with shown(progress, kind.name, kind.unit) as report, resumed_run(folder, kind) as run:
+    with shown(progress, kind) as report, resumed_run(folder, kind) as run:
         checkpoint = training.restored(run)
         # The trackers of the run so far go on, even if the command does not name them again.
         everywhere = checked_trackers([*run.record.trackers, *trackers])
@@ -304,23 +304,18 @@ def _checked_settings(
 
 
 @contextmanager
-def shown(
-    progress: Progress | bool | None,
-    name: str,
-    unit: str,
-) -> Iterator[Progress | None]:
+def shown(progress: Progress | bool | None, kind: RunKind[Any]) -> Iterator[Progress | None]:
     """Yield a progress callback.
 
     Args:
         progress: a callback; True for a progress bar in a terminal or notebook, or lines elsewhere;
             None or False for none.
-        name: label of the bar.
-        unit: epoch or step.
+        kind: constants of the trainer, with the label of the bar and its unit.
     """
     if progress is not True:
         yield progress or None
         return
-    bar = ProgressBar(name, unit=unit)
+    bar = ProgressBar(kind.name, unit=kind.unit)
     try:
         yield bar
     finally:

@@ -296,21 +296,17 @@ def _legend(step: "ExplainedStep", lines: Sequence[str]) -> Iterator[str]:
     from wordcraft_kg.evaluation.scores import BECAUSE
 
     labels = [label_of(name) for name in step.slots[0].sources]
+    lambdas = "mixing weights of these scores; each product, such as λα·α, is a contribution to β"
     rows = [(label.symbol, label.meaning or label.words) for label in labels]
     if step.lambdas:
-        rows.append(
-            (
-                "λ",
-                "mixing weights of these scores; each product, such as λα·α, is a contribution to "
-                "β",
-            )
-        )
+        rows.append(("λ", lambdas))
     rows += [
         ("β", "the slot's logit"),
         ("π", "the action's probability"),
         ("V", "the value of the state"),
+        (">", "the action"),
+        ("*", "an ingredient for the goal in a plan"),
     ]
-    rows += [(">", "the action"), ("*", "an ingredient for the goal in a plan")]
     yield from aligned(rows)
     if any(" because " in line for line in lines):
         yield f"because: {BECAUSE}"
@@ -327,23 +323,16 @@ def _text(number: int, episode: "ExplainedEpisode") -> Iterator[str]:
 def _step(step: "ExplainedStep") -> Iterator[str]:
     from wordcraft_kg.evaluation.scores import because
 
-    lambdas = []
-    for name, value in step.lambdas.items():
-        coefficient = label_of(name).coefficient
-        lambdas.append(f"{coefficient} {value:z.2f}")
-    held = step.selection or "nothing"
-    line = f"  holding {held}   V {step.value:z.2f}   {'  '.join(lambdas)}"
-    yield ""
-    yield line.rstrip()
+    lambdas = [f"{label_of(name).coefficient} {value:z.2f}" for name, value in step.lambdas.items()]
+    holding = f"  holding {step.selection or 'nothing'}   V {step.value:z.2f}"
+    yield from ("", f"{holding}   {'  '.join(lambdas)}".rstrip())
     symbols = [label_of(name).symbol for name in step.slots[0].sources]
     # Without mixing weights there are no products to show.
     products = [f"λ{symbol}·{symbol}" for symbol in symbols] if step.lambdas else []
     rows = [("  ", *symbols, *products, "β", "π")]
     for slot in sorted(step.slots, key=lambda slot: -slot.logit):
-        figures = [*slot.sources.values()]
-        if step.lambdas:
-            figures += slot.contributions.values()
-        figures.append(slot.logit)
+        contributions = slot.contributions.values() if step.lambdas else ()
+        figures = (*slot.sources.values(), *contributions, slot.logit)
         cells = [f"{figure:z.2f}" for figure in figures]
         pointer = ">" if slot.entity == step.action else " "
         star = " *" if slot.is_part else ""
@@ -426,16 +415,13 @@ def _cell(known: "KnownEntities") -> str:
 def _rows(view: "DiscoveryView") -> list[tuple[str, ...]]:
     """Return the table: a row for each player, and one for people."""
     marks = [str(mark) for mark in view.marks]
-    rows: list[tuple[str, ...]] = [("entities known after", *marks)]
-    for name, known in view.players.items():
-        rows.append((name, *map(_cell, known.values())))
-    means = []
-    for mark in marks:
-        mean = view.people.get(mark)
-        means.append("" if mean is None else f"{mean:g}")
-    # People played with other entities, so their row is a rough guide and says so.
-    rows.append(("people, another game", *means))
-    return rows
+    means = [f"{view.people[mark]:g}" if mark in view.people else "" for mark in marks]
+    return [
+        ("entities known after", *marks),
+        *((name, *map(_cell, known.values())) for name, known in view.players.items()),
+        # People played with other entities, so their row is a rough guide and says so.
+        ("people, another game", *means),
+    ]
 
 
 def _text_of_discovery(view: "DiscoveryView") -> Iterator[str]:

@@ -49,11 +49,13 @@ def tables_of(view: StudyView) -> list[StudyTable]:
     columns = [column for column in _COLUMNS if any(map(column[1], _entries(view)))]
     over = "[splits]" if view.vary_split else _RESAMPLED
     headings = tuple(heading.replace(_RESAMPLED, over) for heading, _ in columns)
-    tables = []
-    for point in view.points:
-        rows = [tuple(text(entry) for _, text in columns) for entry in point.variants]
-        tables.append(StudyTable(point.title, headings, tuple(rows)))
-    return tables
+
+    def row(entry: VariantMetrics) -> tuple[str, ...]:
+        return tuple(text(entry) for _, text in columns)
+
+    return [
+        StudyTable(point.title, headings, tuple(map(row, point.variants))) for point in view.points
+    ]
 
 
 def _entries(view: StudyView) -> list[VariantMetrics]:

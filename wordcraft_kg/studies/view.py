@@ -403,7 +403,8 @@ def _played(results: StudyResults, run: RunResult) -> str:
 def _point(results: StudyResults, values: Values, runs: Runs, reference: str) -> PointMetrics:
     base = runs.get(reference, [])
     every_run = list(chain.from_iterable(runs.values()))
-    graphs = [results.graphs[number] for number in dict.fromkeys(run.graph for run in every_run)]
+    numbers = dict.fromkeys(run.graph for run in every_run)
+    graphs = [results.graphs[number] for number in numbers]
     names = dict.fromkeys(f"{graph.name}, {graph.kind}" for graph in graphs)
     return PointMetrics(
         values=values,

@@ -173,7 +173,6 @@ def evaluate_agent(
         policy = played.distractor_policy or WordCraftConfig.distractor_policy
         config = WordCraftConfig(part, scripted.depth, amounts[0], distractor_policy=policy)
         from wordcraft_kg.evaluation.agents import ExternalPlayer, view_baselines
-        from wordcraft_kg.graphs.graph_folder import open_graph
 
         external = None
         if scripted.player is not None:

@@ -230,10 +230,6 @@ def _text_of_check(view: CheckedBook, limit: int) -> Iterator[str]:
     yield f"{counted(problems, 'problem')}, {notes:,} to look at"
 
 
-def _kinds() -> str:
-    return ", ".join(f"{name} ({kind.about})" for name, kind in SPLITS.items())
-
-
 def build_graph(  # noqa: PLR0913 - parameters are the command's options
     book: Book = "everyday",
     *,
@@ -242,7 +238,8 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
     split: Annotated[
         str | None,
         Parameter(
-            help=f"held-out recipes: {_kinds()}; or a CSV or JSON file with each recipe's or "
+            help="held-out recipes: "
+            f"{', '.join(f'{name} ({kind.about})' for name, kind in SPLITS.items())}; or a CSV or JSON file with each recipe's or "
             "result's part, or a book's published fold, such as fold-1. "
             "Default: by-recipe, or by-goal if most recipes are the only one of their result."
         ),
@@ -506,8 +503,7 @@ def _text_of_tasks(view: TaskListing) -> Iterator[str]:
         rows = []
         for name in ("start", "distractors", "table"):
             rows.append((f"  {name}", ", ".join(map(quoted, getattr(task, name))) or "none"))
-        for plan in task.plans:
-            rows.append(("  plan", "; ".join(map(str, plan))))
+        rows += [("  plan", "; ".join(map(str, plan))) for plan in task.plans]
         yield from ("", task.goal, *aligned(rows))
 
 

@@ -34,6 +34,7 @@ from wordcraft_kg.cli.failures import with_options
 from wordcraft_kg.cli.options import Force, MovedGraph, Paths, Table, Words
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.score_limits import MAX_QUERIES
+from wordcraft_kg.models.scorers.sets.rules import read_rule
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.links import LinkView
@@ -158,7 +159,6 @@ def _evaluate_sets(
 ) -> None:
     """Write the evaluation of a model of sets into a folder, and print it."""
     from wordcraft_kg.evaluation.ranked_sets import rank_sets
-    from wordcraft_kg.models.scorers.sets.rules import read_rule
 
     user_rule = read_rule(rule) if rule else None
     view, ranked = rank_sets(trained, name, predictions, user_rule)
@@ -538,7 +538,6 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
         write_suggestions,
     )
     from wordcraft_kg.models.recipes.recipe_records import SetMetrics
-    from wordcraft_kg.models.scorers.sets.rules import read_rule
 
     whole("top", top, 1)
     user_rule = read_rule(rule) if rule else None
@@ -647,7 +646,8 @@ def _suggestion_rows(suggestions: "Sequence[Suggestion]") -> Iterator[str]:
     rows = [("probability", "", "")]
     for suggestion in suggestions:
         place = suggestion.known if suggestion.steps is None else f"step {suggestion.steps}"
-        rows.append((f"{suggestion.probability:>11.3f}", place, _recipe_of(suggestion)))
+        recipe = f"{' + '.join(suggestion.ingredients)} -> {suggestion.result}"
+        rows.append((f"{suggestion.probability:>11.3f}", place, recipe))
     heading, *lines = aligned(rows)
     yield heading.rstrip()
     for line, suggestion in zip(lines, suggestions, strict=True):
@@ -657,5 +657,5 @@ def _suggestion_rows(suggestions: "Sequence[Suggestion]") -> Iterator[str]:
             yield f"{'':11}  because {', '.join(supports)}"
 
 
-def _recipe_of(recipe: "Suggestion | SetSupport") -> str:
-    return f"{' + '.join(recipe.ingredients)} -> {recipe.result}"
+def _recipe_of(support: "SetSupport") -> str:
+    return f"{' + '.join(support.ingredients)} -> {support.result}"

@@ -343,18 +343,12 @@ def _planned(plan: Plan, options: EngineOptions) -> tuple[dict[str, Any], list[s
     """Return what a study would do, as JSON values and as lines of text."""
     missing = len(missing_tasks(plan, options.out))
     kinds = Counter(task.kind for task in plan.tasks.values())
-    counts = []
-    for kind, number in kinds.items():
-        # Kinds are plurals: runs, scorers, graphs.
-        noun = kind if number > 1 else kind[:-1]
-        counts.append(f"{number:,} {noun}")
+    # Kinds are plurals: runs, scorers, graphs.
+    counts = [f"{number:,} {kind if number > 1 else kind[:-1]}" for kind, number in kinds.items()]
     everything = ", ".join(counts)
     title = f"{plan.study.title}: {everything}; {missing:,} to perform"
-    tasks = []
-    lines = []
-    for address, task in plan.tasks.items():
-        tasks.append({"address": address, "title": task.title})
-        lines.append(f"  {address}  {task.title}")
+    tasks = [{"address": task.address, "title": task.title} for task in plan.tasks.values()]
+    lines = [f"  {task.address}  {task.title}" for task in plan.tasks.values()]
     values = {"missing": missing, "tasks": tasks}
     return values, [title, *_first(lines, "--json lists all")]
 

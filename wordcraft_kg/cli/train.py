@@ -410,16 +410,13 @@ class AgentsTraining(TrainingCommand):
     def seed_rows(self, values: dict[str, Values]) -> Rows:  # noqa: D102
         have_test = all("test" in summary["success"] for summary in values.values())
         part = "test" if have_test else "train"
-        rates = []
-        rows = []
-        for seed, summary in values.items():
-            success = summary["success"][part]
-            rates.append(success)
-            rows.append((f"seed {seed}", f"success {success:.3f} on {part} tasks"))
-        mean = sum(rates) / len(rates)
-        spread = f"from {min(rates):.3f} to {max(rates):.3f}"
-        rows.append(("mean", f"success {mean:.3f}, {spread}"))
-        return rows
+        rates = {seed: summary["success"][part] for seed, summary in values.items()}
+        mean = sum(rates.values()) / len(rates)
+        spread = f"from {min(rates.values()):.3f} to {max(rates.values()):.3f}"
+        return [
+            *((f"seed {seed}", f"success {rates[seed]:.3f} on {part} tasks") for seed in rates),
+            ("mean", f"success {mean:.3f}, {spread}"),
+        ]
 
     def values(self, trained: "TrainedAgent") -> Values:  # noqa: D102
         assert trained.summary is not None

@@ -209,10 +209,10 @@ class RunFolder(Generic[P]):
         config.write(self.path)
         hashes = {name: sha256_of(self.path / name) for name in (CONFIG_FILE, *files)}
         settings = config.values()
-        for name in ("seed", "device", "threads"):
-            # A missing setting leaves the default of the record.
-            if name in settings:
-                facts[name] = settings[name]
+        # A missing setting leaves the default of the record.
+        facts |= {
+            name: settings[name] for name in ("seed", "device", "threads") if name in settings
+        }
         self._record = start_run(self.path, config.command, inputs={**inputs, **hashes}, **facts)
         # From here on the record tells that this folder is a run.
         (self.path / _BEGUN).unlink(missing_ok=True)

@@ -238,7 +238,7 @@ def make_plan(study: Study, name: str) -> Plan:
     # First seeds for all variants first: an interrupted study has results for each variant.
     order = sorted(range(len(cells)), key=lambda number: cells[number].seed)
     runs = {number: planner.run(cells[number]) for number in order}
-    _refuse_equal(cells, runs)
+    _refuse_equal(study, cells, runs)
     return Plan(
         name=name,
         study=study,
@@ -249,16 +249,14 @@ def make_plan(study: Study, name: str) -> Plan:
     )
 
 
-def _refuse_equal(cells: Sequence[StudyCell], runs: Mapping[int, str]) -> None:
+def _refuse_equal(study: Study, cells: Sequence[StudyCell], runs: Mapping[int, str]) -> None:
     """Refuse variants that say the same in other words, such as a default.
 
     All their differences would be 0.
     """
-    by_variant: dict[str, list[str]] = {}
-    for number, cell in enumerate(cells):
-        by_variant.setdefault(cell.variant, []).append(runs[number])
     names: dict[tuple[str, ...], str] = {}
-    for name, addresses in by_variant.items():
+    for name in study.variants:
+        addresses = (runs[number] for number, cell in enumerate(cells) if cell.variant == name)
         twin = names.setdefault(tuple(addresses), name)
         if twin != name:
             raise ConfigError(

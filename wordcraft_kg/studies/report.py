@@ -300,8 +300,10 @@ def panels_of(view: StudyView) -> dict[str, Chart]:
 def _curves(view: StudyView, point: PointMetrics) -> Chart:
     """Draw the success of each variant over training."""
     # A variant keeps its colour at all points.
-    variants = dict.fromkeys(entry.variant for entry in _entries(view))
-    colours = {variant: number for number, variant in enumerate(variants)}
+    colours: dict[str, int] = {}
+    for at in view.points:
+        for entry in at.variants:
+            colours.setdefault(entry.variant, len(colours))
     series: dict[str, list[tuple[int, float, float | None, float | None]]] = {}
     last_step = max(at.step for entry in point.variants for at in entry.curve)
     without_curve = []

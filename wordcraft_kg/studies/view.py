@@ -423,11 +423,10 @@ def _corrected(points: Sequence[PointMetrics]) -> tuple[int, tuple[PointMetrics,
     Returns:
         The number of comparisons with a p-value, and the points with corrected p-values.
     """
-    p_values = []
-    for entry in chain.from_iterable(point.variants for point in points):
-        if entry.comparison is not None and entry.comparison.p_value is not None:
-            p_values.append(entry.comparison.p_value)
-    # In the same order as the loop above.
+    entries = chain.from_iterable(point.variants for point in points)
+    comparisons = [entry.comparison for entry in entries if entry.comparison is not None]
+    p_values = [each.p_value for each in comparisons if each.p_value is not None]
+    # In the same order as the values.
     corrected = iter(holm(p_values))
 
     def with_p(entry: VariantMetrics) -> VariantMetrics:

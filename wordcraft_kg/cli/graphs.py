@@ -240,8 +240,9 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
         Parameter(
             help="held-out recipes: "
             f"{', '.join(f'{name} ({kind.about})' for name, kind in SPLITS.items())}; or a CSV or "
-            "JSON file with each recipe's or result's part, or a book's published fold, such as fold-1. "
-            "Default: by-recipe, or by-goal if most recipes are the only one of their result."
+            "JSON file with each recipe's or result's part, or a book's published fold, such as "
+            "fold-1. Default: by-recipe, or by-goal if most recipes are the only one of their "
+            "result."
         ),
     ] = None,
     train_ratio: float = SplitConfig.train_ratio,

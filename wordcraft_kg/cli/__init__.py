@@ -71,7 +71,9 @@ APPS = {
     point.name.replace(".", " "): point for point in entry_points(group="wordcraft_kg.commands")
 }
 """Entry points of the commands that apps add, by command name."""
-ALL = [*chain.from_iterable(CORE.values()), *sorted(APPS)]
+_MODULES = dict(chain.from_iterable(group.items() for group in CORE.values()))
+"""Module of each core command."""
+ALL = [*_MODULES, *sorted(APPS)]
 """All command names."""
 PROGRAM = "wordcraft-kg"
 
@@ -190,8 +192,7 @@ def manual_of(name: str) -> Manual:
     if name in APPS:
         function = APPS[name].load()
     else:
-        modules = dict(chain.from_iterable(group.items() for group in CORE.values()))
-        module = import_module(f"{__name__}.{modules[name]}")
+        module = import_module(f"{__name__}.{_MODULES[name]}")
         function = getattr(module, name.replace("-", "_"))
     return Manual(PROGRAM, name, function)
 

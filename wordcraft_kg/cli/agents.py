@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from wordcraft_kg.agents.discovery import DISCOVERERS, GUIDED
 from wordcraft_kg.base import MAX_SIZE, ConfigError, counted, quoted, whole
 from wordcraft_kg.cli.console import (
     Output,
@@ -22,13 +23,18 @@ from wordcraft_kg.cli.console import (
 from wordcraft_kg.cli.options import Book, Graph, MovedGraph, OptionalBook, Part, Table, Words
 from wordcraft_kg.envs.draws import MOST_TASKS
 from wordcraft_kg.envs.world_config import DistractorPolicy, WordCraftConfig
+from wordcraft_kg.evaluation.discovery import (
+    DiscoveryView,
+    KnownEntities,
+    open_guide,
+    view_discovery,
+)
 from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.models.policies.sources import label_of
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.explanation import ExplainedEpisode, ExplainedStep
     from wordcraft_kg.evaluation.agents import Baselines
-    from wordcraft_kg.evaluation.discovery import DiscoveryView, KnownEntities
 
 EXAMPLES = {
     "evaluate-agent": (
@@ -374,9 +380,6 @@ def discover(  # noqa: PLR0913 - parameters are the command's options
             with air, earth, fire and water.
         seed: root seed.
     """
-    from wordcraft_kg.agents.discovery import DISCOVERERS, GUIDED
-    from wordcraft_kg.evaluation.discovery import open_guide, view_discovery
-
     played = open_graph(graph).graph
     guide = None if scorer is None else open_guide(scorer, played)
     # Nearest words load word vectors, so they play on request alone.
@@ -403,7 +406,7 @@ def discover(  # noqa: PLR0913 - parameters are the command's options
     output.result(view, _text_of_discovery(view))
 
 
-def _cell(known: "KnownEntities") -> str:
+def _cell(known: KnownEntities) -> str:
     """Return a mean with its interval, if there is one."""
     # A player without chance does the same in each run: there is nothing between the ends.
     if known.low is None or known.high is None or known.low >= known.high:
@@ -411,7 +414,7 @@ def _cell(known: "KnownEntities") -> str:
     return f"{known.mean:.1f} [{known.low:.1f}, {known.high:.1f}]"
 
 
-def _rows(view: "DiscoveryView") -> list[tuple[str, ...]]:
+def _rows(view: DiscoveryView) -> list[tuple[str, ...]]:
     """Return the table: a row for each player, and one for people."""
     marks = [str(mark) for mark in view.marks]
     means = [f"{view.people[mark]:g}" if mark in view.people else "" for mark in marks]
@@ -423,7 +426,7 @@ def _rows(view: "DiscoveryView") -> list[tuple[str, ...]]:
     ]
 
 
-def _text_of_discovery(view: "DiscoveryView") -> Iterator[str]:
+def _text_of_discovery(view: DiscoveryView) -> Iterator[str]:
     reachable = f"{view.reachable:,} of {view.entities:,} entities reachable"
     yield f"{view.graph}: {reachable} from {', '.join(map(quoted, view.base))}"
     yield f"{view.runs:,} runs of {view.attempts:,} attempts: mean [95% interval]"

@@ -45,6 +45,7 @@ from wordcraft_kg.models.scorers.features import ENCODED, named
 from wordcraft_kg.studies.study import (
     OF_AGENT,
     OF_GRAPH,
+    PARTS_OF_AGENT,
     PLAYER,
     PLAYERS_WITH_SCORER,
     SCORER,
@@ -144,7 +145,6 @@ _IN_STUDIES: dict[type, dict[str, Any]] = {
 
 So earlier results keep their addresses: without a preset, a study trains with the paper's.
 """
-_PART_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}
 
 
 def defaults_of(kind: type) -> dict[str, Any]:
@@ -170,7 +170,7 @@ def scorer_config(command: str, settings: Mapping[str, Any]) -> Any:
 
 
 DEFAULTS_OF_AGENT: dict[str, Any] = {}
-for _kind in _PART_OF_AGENT.values():
+for _kind in PARTS_OF_AGENT.values():
     DEFAULTS_OF_AGENT |= defaults_of(_kind)
 DEFAULTS_OF_GRAPH = {
     name: {"book": BOOK, **defaults_of(SplitConfig)}[field] for name, field in OF_GRAPH.items()
@@ -398,7 +398,7 @@ class _Planner:
         agent_settings["scorer_cost"] = cost if has_cost else 0.0
         settings: dict[str, Any] = {}
         # Without defaults: a study that names one has the address of a study that does not.
-        for kind in _PART_OF_AGENT.values():
+        for kind in PARTS_OF_AGENT.values():
             settings |= _not_default(agent_settings, kind)
         if config.trainer.preset != "paper":
             # The paper's values, left out above, are not those of another preset.
@@ -497,7 +497,7 @@ def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) ->
     if settings["preset"] == "paper":
         settings = {**_IN_STUDIES[PolicyConfig], **settings}
     parts: dict[str, Any] = {}
-    for part, kind in _PART_OF_AGENT.items():
+    for part, kind in PARTS_OF_AGENT.items():
         names = {field.name for field in fields(kind)} & settings.keys()
         parts[part] = kind(**{name: settings[name] for name in names})
     return replace(AgentConfig(graph, scorer), **parts)

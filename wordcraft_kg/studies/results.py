@@ -506,21 +506,6 @@ def studies_of(root: Path) -> list[str]:
     return sorted(path.stem for path in (root / _STUDIES).glob("*.json"))
 
 
-def read_plan(root: Path, name: str) -> PlannedStudy:
-    """Read the record of a planned study.
-
-    Raises:
-        ArtefactError: if ``root`` is not a results folder, or the record is missing or damaged.
-    """
-    names = studies_of(root)
-    if name not in names:
-        raise ArtefactError(
-            f"'{root}' has no study '{name}'; expected "
-            f"{', '.join(names) or 'none'}.{nearest(name, names)}"
-        )
-    return read_record(root / _STUDIES / f"{name}.json", PlannedStudy)
-
-
 _KEPT = ("won", "distractor_seeds", "curve", "steps", "seconds", "steps_per_second")
 
 
@@ -534,9 +519,16 @@ def collect_study(root: Path, name: str) -> StudyResults:
         name: name of the study.
 
     Raises:
-        ArtefactError: for an unknown study, or a damaged record of it.
+        ArtefactError: if ``root`` is not a results folder, or for an unknown study, or a damaged
+            record of it.
     """
-    plan = read_plan(root, name)
+    names = studies_of(root)
+    if name not in names:
+        raise ArtefactError(
+            f"'{root}' has no study '{name}'; expected "
+            f"{', '.join(names) or 'none'}.{nearest(name, names)}"
+        )
+    plan = read_record(root / _STUDIES / f"{name}.json", PlannedStudy)
 
     # Opening a graph and finding its tasks takes seconds, and most runs share them.
     @cache

@@ -41,9 +41,11 @@ OF_GRAPH = {
     "valid_ratio": "valid_ratio",
 }
 """Graph settings by option: ``book``, and :class:`SplitConfig` fields."""
+PARTS_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}
+"""Configuration classes by part of an agent's settings."""
 OF_AGENT: dict[str, type] = {}
 """Configuration class by agent option."""
-for _agent_kind in (TaskConfig, PolicyConfig, ImpalaConfig):
+for _agent_kind in PARTS_OF_AGENT.values():
     OF_AGENT |= {field.name: _agent_kind for field in fields(_agent_kind)}
 SCORER = "scorer"
 """The setting that names a scorer in the study; ``scorer.epochs`` is a setting for that scorer."""
@@ -393,10 +395,10 @@ def _check_grid(study: Study, source: str) -> None:
     for name, values in study.grid.items():
         if not values:
             raise ConfigError(f"{source}: grid.{name} is empty; expected a value.")
-        for value in values:
-            # Equal points would be counted twice in every mean and correction.
-            if values.count(value) > 1:
-                raise ConfigError(f"{source}: grid.{name} has {value!r} twice.")
+        # Equal points would be counted twice in every mean and correction.
+        repeated = [value for value in values if values.count(value) > 1]
+        if repeated:
+            raise ConfigError(f"{source}: grid.{name} has {repeated[0]!r} twice.")
 
 
 def _check_points(study: Study, source: str) -> None:

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.agents.players import Player
 
 T = TypeVar("T")
-METRICS: dict[Kind, type[TaskMetrics]] = {
+METRICS: dict[Kind, type[TaskMetrics | RunMetrics]] = {
     "graphs": TaskMetrics,
     "scorers": ScorerMetrics,
     "runs": RunMetrics,

@@ -16,7 +16,7 @@ import json
 import logging
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -85,36 +85,58 @@ _ROUNDING = 1e-6
 """Shares are stored with six digits."""
 
 
-def check_played(figures: "RunResult | RunMetrics") -> None:
-    """Check that success and the share of episodes that end with the goal follow from ``won``.
+class Performance(Record, frozen=True, kw_only=True):
+    """Success of an agent or a player, and the effort of its training.
 
-    Everything else needs the agent or its scorer, and cannot be computed again.
-
-    Raises:
-        ValueError: for results that contradict ``won``.
+    Attributes:
+        success: greedy success rate by split part.
+        by_plan: success rate by one of the task's plans, by split part; at most ``success``.
+        terminations: share of test episodes by the reason of their end.
+        won: number of successes among ``distractor_seeds`` episodes, a digit for each test task.
+        distractor_seeds: episodes of each test task, with other distractors each.
+        curve: success on test tasks during training, with five digits.
+        steps: environment steps of the training.
+        seconds: training time.
+        steps_per_second: environment steps per second of acting and learning, without evaluation.
     """
-    successes = [int(digit) for digit in figures.won]
-    tables = figures.distractor_seeds
-    if not tables or max(successes) > tables:
-        raise ValueError(
-            f"`won` has {max(successes)} successes of a task; expected at most `distractor_seeds` "
-            f"{tables}"
-        )
-    part = "test" if "test" in figures.success else "train"
-    if part not in figures.success:
-        raise ValueError("`success` has neither test nor train tasks")
-    claimed = {f"success.{part}": figures.success[part]}
-    # Results may leave the reasons out, but not contradict `won` with them.
-    if figures.terminations:
-        claimed["terminations.goal"] = figures.terminations.get("goal", 0.0)
-    # Each task has the same number of episodes, so the mean over tasks is that over episodes.
-    rate = sum(successes) / (len(successes) * tables)
-    for name, share in claimed.items():
-        if abs(share - rate) > _ROUNDING:
-            raise ValueError(f"`{name}` is {share:g}, but `won` gives {rate:g}")
+
+    success: dict[str, Share]
+    by_plan: dict[str, Share]
+    terminations: dict[str, Share]
+    won: Won
+    distractor_seeds: Count
+    curve: Curve
+    steps: Count
+    seconds: Annotated[float, msgspec.Meta(ge=0)]
+    steps_per_second: Count
+
+    def __post_init__(self) -> None:
+        """Check that success and the share of episodes that end with the goal follow from ``won``.
+
+        Everything else needs the agent or its scorer, and cannot be computed again.
+        """
+        successes = [int(digit) for digit in self.won]
+        tables = self.distractor_seeds
+        if not tables or max(successes) > tables:
+            raise ValueError(
+                f"`won` has {max(successes)} successes of a task; expected at most "
+                f"`distractor_seeds` {tables}"
+            )
+        part = "test" if "test" in self.success else "train"
+        if part not in self.success:
+            raise ValueError("`success` has neither test nor train tasks")
+        claimed = {f"success.{part}": self.success[part]}
+        # Results may leave the reasons out, but not contradict `won` with them.
+        if self.terminations:
+            claimed["terminations.goal"] = self.terminations.get("goal", 0.0)
+        # Each task has the same number of episodes, so the mean over tasks is that over episodes.
+        rate = sum(successes) / (len(successes) * tables)
+        for name, share in claimed.items():
+            if abs(share - rate) > _ROUNDING:
+                raise ValueError(f"`{name}` is {share:g}, but `won` gives {rate:g}")
 
 
-class RunResult(Record, frozen=True):
+class RunResult(Performance, frozen=True):
     """Results of one agent training in a study.
 
     Attributes:
@@ -123,19 +145,10 @@ class RunResult(Record, frozen=True):
         seed: seed of the agent.
         run: run folder in the results folder, named by a settings hash.
         graph: position in :attr:`StudyResults.graphs`.
-        success: greedy success rate by split part.
-        by_plan: success rate by one of the task's plans, by split part; at most ``success``.
-        terminations: share of test episodes by the reason of their end.
-        won: number of successes among ``distractor_seeds`` episodes, a digit for each test task.
-        distractor_seeds: episodes of each test task, with other distractors each.
-        curve: success on test tasks during training.
         mrr: the scorer's leak-free MRR on test triples; None without a scorer, or if the scorer has
             seen these triples.
-        steps: environment steps of the training.
-        seconds: training time.
-        steps_per_second: environment steps per second of acting and learning, without evaluation.
         origin: position in :attr:`StudyResults.origins`.
-        groups: position in :attr:`StudyResults.groups`; None in results of earlier versions.
+        groups: position in :attr:`StudyResults.groups`; None if the graph's folder was removed.
     """
 
     variant: str
@@ -143,21 +156,12 @@ class RunResult(Record, frozen=True):
     seed: int
     run: str
     graph: int
-    success: dict[str, Share]
-    by_plan: dict[str, Share]
-    terminations: dict[str, Share]
-    won: Won
-    distractor_seeds: Count
-    curve: Curve
     mrr: Share | None
-    steps: Count
-    seconds: Annotated[float, msgspec.Meta(ge=0)]
-    steps_per_second: Count
     origin: Count = 0
     groups: Count | None = None
 
     def __post_init__(self) -> None:
-        check_played(self)
+        super().__post_init__()
         if "test" not in self.success or "test" not in self.by_plan:
             raise ValueError("`success` and `by_plan` lack test tasks")
 
@@ -299,11 +303,11 @@ def results_text(results: StudyResults) -> str:
 
 
 METRICS_FILE = "figures.json"
-F = TypeVar("F", bound="TaskMetrics")
+F = TypeVar("F", bound=Record)
 
 
 class TaskMetrics(Record, frozen=True, kw_only=True):
-    """Results of a graph, a scorer or a run (``figures.json``).
+    """Results of a graph or a scorer (``figures.json``).
 
     Attributes:
         seconds: duration; 0 for a graph.
@@ -329,36 +333,21 @@ class ScorerMetrics(TaskMetrics, frozen=True, kw_only=True):
     kg: str
 
 
-class RunMetrics(TaskMetrics, frozen=True, kw_only=True):
-    """Results of training an agent, as in :class:`RunResult`.
+class RunMetrics(Performance, frozen=True, kw_only=True):
+    """Results of training an agent.
 
     Attributes:
+        versions: package versions.
+        platform: system, machine, and instruction set or GPU.
         graph: graph and split that the agent was trained and evaluated on.
-        success: greedy success rate by split part.
-        by_plan: success rate by one of the task's plans, by split part.
-        terminations: share of test episodes by the reason of their end.
-        won: number of successes, a digit for each test task.
-        distractor_seeds: episodes of each test task.
-        curve: success on test tasks during training, with five digits.
-        steps: environment steps.
-        steps_per_second: environment steps per second of acting and learning.
     """
 
+    versions: dict[str, str]
+    platform: str = ""
     graph: PlayedGraph
-    success: dict[str, Share]
-    by_plan: dict[str, Share]
-    terminations: dict[str, Share]
-    won: Won
-    distractor_seeds: Count
-    curve: Curve
-    steps: Count
-    steps_per_second: Count
-
-    def __post_init__(self) -> None:
-        check_played(self)
 
 
-def write_metrics(folder: Path, figures: TaskMetrics) -> None:
+def write_metrics(folder: Path, figures: TaskMetrics | RunMetrics) -> None:
     """Write a task's results with a hash to ``figures.json`` in the task's folder.
 
     The file marks the task as done.
@@ -506,9 +495,6 @@ def studies_of(root: Path) -> list[str]:
     return sorted(path.stem for path in (root / _STUDIES).glob("*.json"))
 
 
-_KEPT = ("won", "distractor_seeds", "curve", "steps", "seconds", "steps_per_second")
-
-
 def collect_study(root: Path, name: str) -> StudyResults:
     """Return the results that a study in a results folder has so far.
 
@@ -579,11 +565,8 @@ def collect_study(root: Path, name: str) -> StudyResults:
                 graph=graphs.setdefault(figures.graph, len(graphs)),
                 origin=origins.setdefault(origin, len(origins)),
                 mrr=scorers[scorer].mrr if scorer is not None else None,
-                success=_rounded(figures.success),
-                by_plan=_rounded(figures.by_plan),
-                terminations=_rounded(figures.terminations),
                 groups=number,
-                **{name: getattr(figures, name) for name in _KEPT},
+                **_rounded(figures),
             )
         )
     run_counts = Counter(run.origin for run in runs)
@@ -651,5 +634,9 @@ def _run_metrics(folder: Path) -> RunMetrics:
     return figures
 
 
-def _rounded(shares: Mapping[str, float]) -> dict[str, float]:
-    return {name: round(share, 6) for name, share in shares.items()}
+def _rounded(figures: RunMetrics) -> dict[str, Any]:
+    """Return a run's performance by field, with six digits for shares by name."""
+    values = {name: getattr(figures, name) for name in Performance.__struct_fields__}
+    for field in ("success", "by_plan", "terminations"):
+        values[field] = {name: round(share, 6) for name, share in values[field].items()}
+    return values

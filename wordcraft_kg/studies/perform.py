@@ -327,18 +327,16 @@ def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -
     from wordcraft_kg.models.scorers.features import glove_features
 
     opened = open_graph(graph)
-    graph_of_book = opened.graph
-
-    def make(recipes):  # type: ignore[no-untyped-def]
-        if name == "kernel":
-            return KernelScorer(
-                graph_of_book, recipes, glove_features(graph_of_book.entities).vectors
-            )
-        kind = SymbolicScorer if name == "facts" else NeighbourScorer
-        return kind(graph_of_book, recipe_triples(recipes))
-
+    book = opened.graph
+    make: Any = {
+        "kernel": lambda recipes: KernelScorer(
+            book, recipes, glove_features(book.entities).vectors
+        ),
+        "facts": lambda recipes: SymbolicScorer(book, recipe_triples(recipes)),
+        "neighbours": lambda recipes: NeighbourScorer(book, recipe_triples(recipes)),
+    }[name]
     is_full = settings.get("kg", "partial") == "full"
-    scorer = make(graph_of_book.recipes) if is_full else cross_fit(opened.split, make)
+    scorer = make(book.recipes) if is_full else cross_fit(opened.split, make)
     save_scorer(folder, scorer, opened, kg="full" if is_full else "partial", origin=name)
 
 

@@ -190,8 +190,8 @@ class StudyCell(Record, frozen=True):
 
 def built_in() -> list[str]:
     """Return the built-in studies' names."""
-    files = [path.name for path in BUILT_IN.iterdir()]
-    return sorted(name.removesuffix(".toml") for name in files if name.endswith(".toml"))
+    names = [path.name for path in BUILT_IN.iterdir()]
+    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
 def read_study(source: str | Path) -> Study:

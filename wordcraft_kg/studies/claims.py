@@ -477,23 +477,20 @@ def _tasks(results: StudyResults, claim: Claim, at: Measured) -> set[tuple[str, 
     return {results.tasks_of(run) for run in runs.values()}
 
 
-def in_words(claim: ClaimVerdict, measured: Measured, mark: str = "") -> str:
+def in_words(claim: ClaimVerdict, measured: Measured) -> str:
     """Format a claim's measured values as a sentence.
 
     Args:
         claim: the claim, with its sides and its measure.
         measured: values of one grid point of the claim.
-        mark: text before and after the name of each variant, such as ``*`` in Markdown.
 
     Returns:
         Both sides, the difference with its interval, and the numbers of seeds, tasks and groups.
     """
     left, right = claim.sides
     # A value that the claim names has no measurement of its own beside it.
-    opponent = right
-    if not claim.is_value:
-        opponent = f"{mark}{right}{mark} {share(measured.right)}"
-    sides = f"{mark}{left}{mark} {share(measured.left)} against {opponent}"
+    opponent = right if claim.is_value else f"{right} {share(measured.right)}"
+    sides = f"{left} {share(measured.left)} against {opponent}"
     difference = signed(measured.difference)
     # A single seed has no interval.
     if measured.low is not None:

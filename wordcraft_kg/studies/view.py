@@ -6,6 +6,7 @@ It has means, intervals, differences to the reference, and success by scorer MRR
 import math
 from collections.abc import Sequence
 from itertools import chain
+from statistics import fmean
 from typing import Annotated, Literal
 
 import msgspec
@@ -144,34 +145,28 @@ def metrics_of(
     # Runs of earlier studies may lack train tasks or a scorer: these lists may be shorter.
     train = [run.success["train"] for run in members if "train" in run.success]
     mrr = [run.mrr for run in members if run.mrr is not None]
-    by_plan = [run.by_plan["test"] for run in members]
-    seconds = [run.seconds for run in members]
     reached, reached_interval = _reached(members, base)
+    # Means that do not depend on the order of the values.
     return VariantMetrics(
         variant=variant,
         seeds=tuple(run.seed for run in members),
         success=tuple(success),
-        mean=mean_of(success),
+        mean=fmean(success),
         seed_interval=student_interval(success) if rates.splits is None else None,
         interval=rate_interval(*rates),
-        by_plan=mean_of(by_plan),
+        by_plan=fmean(run.by_plan["test"] for run in members),
         # A mean of some runs would stand beside the success of all.
-        train=mean_of(train) if len(train) == len(members) else None,
-        mrr=mean_of(mrr) if mrr else None,
+        train=fmean(train) if len(train) == len(members) else None,
+        mrr=fmean(mrr) if mrr else None,
         mrr_range=(min(mrr), max(mrr)) if mrr else None,
         comparison=_comparison(results, members, base),
         reached=reached,
         reached_interval=reached_interval,
         curve=_curve(members),
         runs=tuple(run.run for run in members),
-        seconds=mean_of(seconds),
+        seconds=fmean(run.seconds for run in members),
         steps=members[0].steps,
     )
-
-
-def mean_of(values: Sequence[float]) -> float:
-    """Return the mean, exactly rounded: independent of the order of the values."""
-    return math.fsum(values) / len(values)
 
 
 def _comparison(

@@ -160,22 +160,15 @@ class TrainingCommand(ABC):
         return {"out": str(trained.folder), **as_values(trained.metrics)}
 
     def finish(self, trained: Any, config: Any) -> None:  # noqa: B027 - optional
-        """Write further output after training, such as a report."""
+        """Write further output after training, such as a report.
+
+        Raises:
+            ArtefactError: if it cannot be written.
+        """
 
     def is_finished(self, folder: Path) -> bool:
         """Return whether the run folder has the ``product``, such as the report."""
         return (folder / self.product).exists()
-
-    def finish_run(self, trained: Any, config: RunConfig) -> None:
-        """Call :meth:`finish`; raise an ArtefactError if the product cannot be written."""
-        try:
-            self.finish(trained, config)
-        except OSError as error:
-            product = f"the {self.product} of '{trained.folder}'"
-            raise ArtefactError(
-                f"{product} cannot be written ({error.strerror or error}). The training is "
-                "complete; make space and repeat the command."
-            ) from None
 
 
 def run_training(
@@ -251,7 +244,7 @@ def _train(
         last = next(iter(trainer.kind.checkpoints(trained.folder).records()))
         raise KeyboardInterrupt(interruption_message(trained.folder, trainer.kind.unit, last))
     if not command.is_finished(trained.folder):
-        command.finish_run(trained, config)
+        command.finish(trained, config)
     return trained
 
 
@@ -441,7 +434,14 @@ class AgentsTraining(TrainingCommand):
         # A split may have no test tasks at this depth.
         part: TaskPart = "test" if "test" in trained.summary.success else "train"
         view = view_agents(group_agents([open_agent(trained.folder, config.graph)]), part=part)
-        write_report(make_agent_report(view), trained.folder / "report", force=True)
+        try:
+            write_report(make_agent_report(view), trained.folder / self.product, force=True)
+        except OSError as error:
+            raise ArtefactError(
+                f"the {self.product} of '{trained.folder}' cannot be written "
+                f"({error.strerror or error}). The training is complete; make space and repeat "
+                "the command."
+            ) from None
 
 
 def _learned_from(metrics: "LinkMetrics | RecipeMetrics") -> Rows:

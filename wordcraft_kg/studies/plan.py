@@ -165,8 +165,7 @@ def scorer_config(command: str, settings: Mapping[str, Any]) -> Any:
         ConfigError: if a setting is out of range, or does not fit another.
     """
     kind = TRAINED_SCORERS[command]
-    left_out = _IN_STUDIES.get(kind, {})
-    return kind(**{**left_out, **settings})
+    return kind(**{**_IN_STUDIES.get(kind, {}), **settings})
 
 
 DEFAULTS_OF_AGENT: dict[str, Any] = {}

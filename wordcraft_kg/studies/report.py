@@ -46,7 +46,8 @@ def tables_of(view: StudyView) -> list[StudyTable]:
 
     A column without text at all points is left out of all tables, so that tables stay comparable.
     """
-    columns = [column for column in _COLUMNS if any(map(column[1], _entries(view)))]
+    entries = _entries(view)
+    columns = [(heading, text) for heading, text in _COLUMNS if any(map(text, entries))]
     over = "[splits]" if view.vary_split else _RESAMPLED
     headings = tuple(heading.replace(_RESAMPLED, over) for heading, _ in columns)
 

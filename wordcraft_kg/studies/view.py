@@ -198,10 +198,11 @@ def _curves(members: Sequence[RunResult]) -> tuple[list[int], NDArray[np.float64
 
 def _curve(members: Sequence[RunResult]) -> tuple[CurvePoint, ...]:
     steps, table = _curves(members)
-    return tuple(
-        CurvePoint(step, float(column.mean()), *(student_interval(column) or (None, None)))
-        for step, column in zip(steps, table.T, strict=True)
-    )
+    points: list[CurvePoint] = []
+    for step, column in zip(steps, table.T, strict=True):
+        low, high = student_interval(column) or (None, None)
+        points.append(CurvePoint(step, float(column.mean()), low, high))
+    return tuple(points)
 
 
 def _reached(

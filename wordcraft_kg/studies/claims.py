@@ -445,7 +445,7 @@ def _varies(
     return "undecided", "the intervals are too wide"
 
 
-def _changes(results: StudyResults, claim: Claim, one: Measured, other: Measured) -> bool:
+def _changes(results: StudyResults, claim: Claim, first: Measured, second: Measured) -> bool:
     """Return whether the difference of the sides changes significantly between two points.
 
     At points with the same tasks and seeds, trainings of the same seed are compared task by task.
@@ -453,14 +453,14 @@ def _changes(results: StudyResults, claim: Claim, one: Measured, other: Measured
     tasks have no counterparts, and too few seeds no interval: then the points' own intervals must
     be disjoint.
     """
-    first_sides = _sides(results, claim, one.values)
-    second_sides = _sides(results, claim, other.values)
+    first_sides = _sides(results, claim, first.values)
+    second_sides = _sides(results, claim, second.values)
     has_same_seeds = first_sides.seeds == second_sides.seeds
-    has_same_tasks = _tasks(results, claim, one) == _tasks(results, claim, other)
+    has_same_tasks = _tasks(results, claim, first) == _tasks(results, claim, second)
     is_paired = has_same_seeds and has_same_tasks
     if not is_paired or len(first_sides.seeds) < FEWEST_PAIRS:
-        greatest_low = max(one.low or 0, other.low or 0)
-        least_high = min(one.high or 0, other.high or 0)
+        greatest_low = max(first.low or 0, second.low or 0)
+        least_high = min(first.high or 0, second.high or 0)
         return greatest_low > least_high
     # A value that the claim names is the same at both points, and so cancels in the change.
     difference_claim = msgspec.structs.replace(claim, than=None)

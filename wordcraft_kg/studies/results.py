@@ -24,7 +24,6 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
-from msgspec import structs
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.agent_config import TaskConfig
@@ -471,7 +470,7 @@ def write_plan(root: Path, plan: Plan, command: str) -> None:
     with suppress(ArtefactError):
         before = read_record(path, PlannedStudy).study
         # More seeds continue a study; any other change makes another one.
-        if structs.replace(before, seeds=plan.study.seeds) != plan.study:
+        if msgspec.structs.replace(before, seeds=plan.study.seeds) != plan.study:
             logging.getLogger(__name__).warning(
                 "the study '%s' of '%s' was another one; its runs stay, but its record and its "
                 "report are replaced.",

@@ -38,8 +38,8 @@ from wordcraft_kg.base.records import parse_record
 from wordcraft_kg.base.statistics import crossed_difference, holm, rate_interval
 from wordcraft_kg.studies.claims import ClaimVerdict, Measured, Verdict, view_claims
 from wordcraft_kg.studies.results import StudyResults, collect_study, results_text, studies_of
-from wordcraft_kg.studies.study import Values, adapted, read_study
-from wordcraft_kg.studies.view import StudyView, title_of, view_study
+from wordcraft_kg.studies.study import Values, adapted, read_study, title_of
+from wordcraft_kg.studies.view import StudyView, view_study
 
 ARCHIVE = Path(__file__).parent / "results.zip"
 """The results of the studies, a JSON file each."""

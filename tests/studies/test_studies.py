@@ -26,8 +26,8 @@ from wordcraft_kg.studies.report import (
     write_study_report,
 )
 from wordcraft_kg.studies.results import Missing
-from wordcraft_kg.studies.study import Claim, Study
-from wordcraft_kg.studies.view import StudyView, title_of, view_study
+from wordcraft_kg.studies.study import Claim, Study, title_of
+from wordcraft_kg.studies.view import StudyView, view_study
 
 ODD = r"a_b & 50% | <i>#{x}^~\ *y*"
 
@@ -61,7 +61,7 @@ def test_csv_has_a_row_for_each_variant_of_each_point(view):
 
 @pytest.mark.parametrize(
     ("value", "form", "text"),
-    [(-0.5, "+.2f", "−0.50"), (-0.0001, "+.2f", "+0.00"), (-0.001, ".2f", "0.00")],
+    [(-0.5, "+z.2f", "−0.50"), (-0.0001, "+z.2f", "+0.00"), (-0.001, "z.2f", "0.00")],
 )
 def test_numbers_have_a_true_minus_and_none_for_zero(value, form, text):
     assert signed(value, form) == text

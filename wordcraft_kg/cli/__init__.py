@@ -1,10 +1,10 @@
 """The command line: thin modules of commands; results on stdout, log and progress on stderr.
 
-Read ``books`` first, two short commands with all parts. This file makes the application from the
-commands' modules, and runs a command line. ``console`` has what all commands share (options,
-results as text or JSON), ``options`` the options that several have, ``failures`` the way from an
-error to a message and an exit code. All other files are commands: those of one subject, such as
-``train``, lie in one file. What a command computes lies in other rooms.
+Read ``import_knowledge`` first, a short command with all parts. This file makes the application
+from the commands' modules, and runs a command line. ``console`` has what all commands share
+(options, results as text or JSON), ``options`` the options that several have, ``failures`` the way
+from an error to a message and an exit code. All other files are commands: those of one subject,
+such as ``train``, lie in one file. What a command computes lies in other rooms.
 
 To add a command, write a function named after the command, and examples in ``EXAMPLES`` of its
 module; list the command in :data:`CORE`. Apps add commands by entry points in the group
@@ -48,8 +48,8 @@ CORE = {
     "Recipe books and graphs": {
         "build-graph": "graphs",
         "describe": "graphs",
-        "check-book": "books",
-        "books": "books",
+        "check-book": "graphs",
+        "books": "graphs",
         "export": "graphs",
     },
     "Link prediction": {
@@ -71,7 +71,9 @@ APPS = {
     point.name.replace(".", " "): point for point in entry_points(group="wordcraft_kg.commands")
 }
 """Entry points of the commands that apps add, by command name."""
-ALL = [*chain.from_iterable(CORE.values()), *sorted(APPS)]
+_MODULES = dict(chain.from_iterable(group.items() for group in CORE.values()))
+"""Module of each core command."""
+ALL = [*_MODULES, *sorted(APPS)]
 """All command names."""
 PROGRAM = "wordcraft-kg"
 
@@ -190,8 +192,7 @@ def manual_of(name: str) -> Manual:
     if name in APPS:
         function = APPS[name].load()
     else:
-        modules = dict(chain.from_iterable(group.items() for group in CORE.values()))
-        module = import_module(f"{__name__}.{modules[name]}")
+        module = import_module(f"{__name__}.{_MODULES[name]}")
         function = getattr(module, name.replace("-", "_"))
     return Manual(PROGRAM, name, function)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from wordcraft_kg.agents.discovery import DISCOVERERS, GUIDED
 from wordcraft_kg.base import MAX_SIZE, ConfigError, counted, quoted, whole
 from wordcraft_kg.cli.console import (
     Output,
@@ -22,13 +23,18 @@ from wordcraft_kg.cli.console import (
 from wordcraft_kg.cli.options import Book, Graph, MovedGraph, OptionalBook, Part, Table, Words
 from wordcraft_kg.envs.draws import MOST_TASKS
 from wordcraft_kg.envs.world_config import DistractorPolicy, WordCraftConfig
+from wordcraft_kg.evaluation.discovery import (
+    DiscoveryView,
+    KnownEntities,
+    open_guide,
+    view_discovery,
+)
 from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.models.policies.sources import label_of
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.explanation import ExplainedEpisode, ExplainedStep
     from wordcraft_kg.evaluation.agents import Baselines
-    from wordcraft_kg.evaluation.discovery import DiscoveryView, KnownEntities
 
 EXAMPLES = {
     "evaluate-agent": (
@@ -173,7 +179,6 @@ def evaluate_agent(
         policy = played.distractor_policy or WordCraftConfig.distractor_policy
         config = WordCraftConfig(part, scripted.depth, amounts[0], distractor_policy=policy)
         from wordcraft_kg.evaluation.agents import ExternalPlayer, view_baselines
-        from wordcraft_kg.graphs.graph_folder import open_graph
 
         external = None
         if scripted.player is not None:
@@ -296,21 +301,17 @@ def _legend(step: "ExplainedStep", lines: Sequence[str]) -> Iterator[str]:
     from wordcraft_kg.evaluation.scores import BECAUSE
 
     labels = [label_of(name) for name in step.slots[0].sources]
+    lambdas = "mixing weights of these scores; each product, such as λα·α, is a contribution to β"
     rows = [(label.symbol, label.meaning or label.words) for label in labels]
     if step.lambdas:
-        rows.append(
-            (
-                "λ",
-                "mixing weights of these scores; each product, such as λα·α, is a contribution to "
-                "β",
-            )
-        )
+        rows.append(("λ", lambdas))
     rows += [
         ("β", "the slot's logit"),
         ("π", "the action's probability"),
         ("V", "the value of the state"),
+        (">", "the action"),
+        ("*", "an ingredient for the goal in a plan"),
     ]
-    rows += [(">", "the action"), ("*", "an ingredient for the goal in a plan")]
     yield from aligned(rows)
     if any(" because " in line for line in lines):
         yield f"because: {BECAUSE}"
@@ -327,23 +328,16 @@ def _text(number: int, episode: "ExplainedEpisode") -> Iterator[str]:
 def _step(step: "ExplainedStep") -> Iterator[str]:
     from wordcraft_kg.evaluation.scores import because
 
-    lambdas = []
-    for name, value in step.lambdas.items():
-        coefficient = label_of(name).coefficient
-        lambdas.append(f"{coefficient} {value:z.2f}")
-    held = step.selection or "nothing"
-    line = f"  holding {held}   V {step.value:z.2f}   {'  '.join(lambdas)}"
-    yield ""
-    yield line.rstrip()
+    lambdas = [f"{label_of(name).coefficient} {value:z.2f}" for name, value in step.lambdas.items()]
+    holding = f"  holding {step.selection or 'nothing'}   V {step.value:z.2f}"
+    yield from ("", f"{holding}   {'  '.join(lambdas)}".rstrip())
     symbols = [label_of(name).symbol for name in step.slots[0].sources]
     # Without mixing weights there are no products to show.
     products = [f"λ{symbol}·{symbol}" for symbol in symbols] if step.lambdas else []
     rows = [("  ", *symbols, *products, "β", "π")]
     for slot in sorted(step.slots, key=lambda slot: -slot.logit):
-        figures = [*slot.sources.values()]
-        if step.lambdas:
-            figures += slot.contributions.values()
-        figures.append(slot.logit)
+        contributions = slot.contributions.values() if step.lambdas else ()
+        figures = (*slot.sources.values(), *contributions, slot.logit)
         cells = [f"{figure:z.2f}" for figure in figures]
         pointer = ">" if slot.entity == step.action else " "
         star = " *" if slot.is_part else ""
@@ -386,9 +380,6 @@ def discover(  # noqa: PLR0913 - parameters are the command's options
             with air, earth, fire and water.
         seed: root seed.
     """
-    from wordcraft_kg.agents.discovery import DISCOVERERS, GUIDED
-    from wordcraft_kg.evaluation.discovery import open_guide, view_discovery
-
     played = open_graph(graph).graph
     guide = None if scorer is None else open_guide(scorer, played)
     # Nearest words load word vectors, so they play on request alone.
@@ -415,7 +406,7 @@ def discover(  # noqa: PLR0913 - parameters are the command's options
     output.result(view, _text_of_discovery(view))
 
 
-def _cell(known: "KnownEntities") -> str:
+def _cell(known: KnownEntities) -> str:
     """Return a mean with its interval, if there is one."""
     # A player without chance does the same in each run: there is nothing between the ends.
     if known.low is None or known.high is None or known.low >= known.high:
@@ -423,22 +414,19 @@ def _cell(known: "KnownEntities") -> str:
     return f"{known.mean:.1f} [{known.low:.1f}, {known.high:.1f}]"
 
 
-def _rows(view: "DiscoveryView") -> list[tuple[str, ...]]:
+def _rows(view: DiscoveryView) -> list[tuple[str, ...]]:
     """Return the table: a row for each player, and one for people."""
     marks = [str(mark) for mark in view.marks]
-    rows: list[tuple[str, ...]] = [("entities known after", *marks)]
-    for name, known in view.players.items():
-        rows.append((name, *map(_cell, known.values())))
-    means = []
-    for mark in marks:
-        mean = view.people.get(mark)
-        means.append("" if mean is None else f"{mean:g}")
-    # People played with other entities, so their row is a rough guide and says so.
-    rows.append(("people, another game", *means))
-    return rows
+    means = [f"{view.people[mark]:g}" if mark in view.people else "" for mark in marks]
+    return [
+        ("entities known after", *marks),
+        *((name, *map(_cell, known.values())) for name, known in view.players.items()),
+        # People played with other entities, so their row is a rough guide and says so.
+        ("people, another game", *means),
+    ]
 
 
-def _text_of_discovery(view: "DiscoveryView") -> Iterator[str]:
+def _text_of_discovery(view: DiscoveryView) -> Iterator[str]:
     reachable = f"{view.reachable:,} of {view.entities:,} entities reachable"
     yield f"{view.graph}: {reachable} from {', '.join(map(quoted, view.base))}"
     yield f"{view.runs:,} runs of {view.attempts:,} attempts: mean [95% interval]"

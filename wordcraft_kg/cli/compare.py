@@ -174,10 +174,9 @@ def _agents_text(view: "AgentsView") -> Iterator[str]:
         yield f"{view.part} tasks of depth {view.depth}, {counted(amount, 'distractor')}"
         rows = []
         for agent in by_success(view, amount):
-            cells = list(_success(agent.success.get(str(amount)), view.split.unit))
-            if agent.name == reference and len(view.agents) > 1:
-                cells.append("reference")
-            rows.append((f"  {agent.name}", *cells))
+            cells = _success(agent.success.get(str(amount)), view.split.unit)
+            is_reference = agent.name == reference and len(view.agents) > 1
+            rows.append((f"  {agent.name}", *cells, "reference" if is_reference else ""))
         yield from aligned(rows)
         for agent in view.agents:
             if str(amount) not in agent.success:

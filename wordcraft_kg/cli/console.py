@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
-from itertools import chain, zip_longest
+from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -76,12 +76,7 @@ class Output:
         ProgressBar.close_current()
         # Labels and names come from files that anyone may have written: control characters could
         # rewrite what the terminal shows.
-        if self.json:
-            from wordcraft_kg.base.records import as_values
-
-            lines = [json_line(as_values(view))]
-        else:
-            lines = [for_terminal(line) for line in text]
+        lines = [json_line(as_values(view))] if self.json else [*map(for_terminal, text)]
         try:
             for line in lines:
                 print(line)
@@ -165,8 +160,7 @@ Flag = Annotated[bool, Parameter(negative="", show_default=False)]
 
 def split_labels(values: Sequence[str]) -> list[str]:
     """Split comma-separated labels; labels with commas must come from a file."""
-    parts = chain.from_iterable(value.split(",") for value in values)
-    labels = [part.strip() for part in parts]
+    labels = map(str.strip, ",".join(values).split(","))
     return [label for label in labels if label]
 
 
@@ -317,10 +311,10 @@ def aligned(rows: Iterable[Sequence[str]], *, numbers: bool = False) -> list[str
     """
     # From rows to columns, for the widths, and back.
     columns = [column for column in zip_longest(*rows, fillvalue="") if any(column)]
-    formats = []
-    for place, column in enumerate(columns):
-        side = ">" if numbers and place else "<"
-        formats.append(f"{side}{max(map(len, column))}")
+    formats = [
+        f"{'>' if numbers and place else '<'}{max(map(len, column))}"
+        for place, column in enumerate(columns)
+    ]
     return ["  ".join(map(format, row, formats)).rstrip() for row in zip(*columns, strict=True)]
 
 

@@ -28,6 +28,11 @@ class CheckResult(NamedTuple):
     result: str
     remedy: str = ""
 
+    @property
+    def text(self) -> str:
+        """Result and remedy."""
+        return f"{self.result}: {self.remedy}" if self.remedy else self.result
+
 
 def doctor(*, output: Output = Output()) -> int:
     """Check the installation: Python, packages, torch and extras.
@@ -38,10 +43,7 @@ def doctor(*, output: Output = Output()) -> int:
     # Checks do not raise: one broken part must not hide the state of the others.
     findings = [*_packages(), *_torch(), *_extras()]
     passed = all(finding.state != "error" for finding in findings)
-    rows = []
-    for finding in findings:
-        remedy = f": {finding.remedy}" if finding.remedy else ""
-        rows.append((finding.state, finding.check, f"{finding.result}{remedy}"))
+    rows = [(finding.state, finding.check, finding.text) for finding in findings]
     values = {"passed": passed, "findings": [finding._asdict() for finding in findings]}
     output.result(values, aligned(rows))
     return 0 if passed else 1
@@ -60,12 +62,10 @@ def _packages() -> Iterator[CheckResult]:
     # Without torch and what needs it, graphs and environments still work: an installation that
     # somebody may have chosen. A wrong version is always an error.
     is_light = {"torch", "pykeen"} <= problems.keys() and set(problems.values()) == {NOT_INSTALLED}
-    remedy = pip_install(*problems)
+    result = _listed(problems)
     if is_light:
-        result = f"for graphs and environments only; {_listed(problems)}"
-        yield CheckResult("packages", "note", result, remedy)
-    else:
-        yield CheckResult("packages", "error", _listed(problems), remedy)
+        result = f"for graphs and environments only; {result}"
+    yield CheckResult("packages", "note" if is_light else "error", result, pip_install(*problems))
 
 
 def _listed(problems: dict[str, str]) -> str:
@@ -86,11 +86,9 @@ def _torch() -> Iterator[CheckResult]:
         return
     cuda = torch.version.cuda
     has_gpu = torch.cuda.is_available()
-    build = "CPU build"
-    if cuda:
-        build = f"CUDA {cuda} build, {'with' if has_gpu else 'no'} GPU"
+    cuda_build = f"CUDA {cuda} build, {'with' if has_gpu else 'no'} GPU"
     threads = counted(torch.get_num_threads(), "thread")
-    result = f"{torch.__version__}, {build}, {threads}"
+    result = f"{torch.__version__}, {cuda_build if cuda else 'CPU build'}, {threads}"
     if cuda and not has_gpu:
         remedy = f"the CPU build is smaller; first in a new environment, {CPU_TORCH}"
         yield CheckResult("torch", "note", result, remedy)

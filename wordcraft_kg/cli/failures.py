@@ -8,7 +8,7 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path
@@ -62,16 +62,14 @@ class Manual:
         return values.get(self.name, ()) if isinstance(values, dict) else values
 
     @property
-    def examples(self) -> Sequence[str]:
+    def examples(self) -> list[str]:
         """Complete command lines, to show in the help."""
-        lines: Sequence[str] = self._stated("EXAMPLES")
-        return lines
+        return list(self._stated("EXAMPLES"))
 
     @property
-    def file_only(self) -> Sequence[str]:
+    def file_only(self) -> list[str]:
         """Names of the options that only the configuration file may set, such as ``--momentum``."""
-        names: Sequence[str] = self._stated("FILE_ONLY")
-        return names
+        return list(self._stated("FILE_ONLY"))
 
     @property
     def group(self) -> str:
@@ -101,11 +99,11 @@ class Manual:
     @property
     def usage(self) -> str:
         """The usage line: command, positional arguments and required options."""
-        options = []
-        for parameter in signature(self.function).parameters.values():
-            is_option = parameter.kind is parameter.KEYWORD_ONLY
-            if is_option and parameter.default is parameter.empty:
-                options.append(f"--{parameter.name} {parameter.name.upper()}")
+        options = [
+            f"--{parameter.name} {parameter.name.upper()}"
+            for parameter in signature(self.function).parameters.values()
+            if parameter.kind is parameter.KEYWORD_ONLY and parameter.default is parameter.empty
+        ]
         return " ".join([self.program, self.name, *self.places.values(), *options, "[OPTIONS]"])
 
 
@@ -171,10 +169,12 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
         missing = missing_package("this command", error)
         return None if missing is error else Failure(kind, str(missing))
     if isinstance(error, OSError) and _is_raised_in(error, "pystow"):
+        # PyKEEN's library of folders makes it when PyKEEN is imported.
+        folder = os.environ.get("PYSTOW_HOME") or Path.home() / ".data"
         return Failure(
             kind,
-            f"PyKEEN cannot make its folder, {pykeen_folder()} ({error.strerror or error}). Set "
-            "PYSTOW_HOME to a folder with write permission. Nothing was changed.",
+            f"PyKEEN cannot make its folder, {folder} ({error.strerror or error}). Set PYSTOW_HOME "
+            "to a folder with write permission. Nothing was changed.",
         )
     if isinstance(error, OSError):
         # Outputs are written at once or not at all, so nothing is half changed.
@@ -202,11 +202,6 @@ def _for_author(error: BaseException) -> BaseException:
             if str(plugin.path) in files:
                 return plugin_error(error, plugin)
     return error
-
-
-def pykeen_folder() -> Path:
-    """Return the folder that PyKEEN's library of folders, pystow, makes when PyKEEN is imported."""
-    return Path(os.environ.get("PYSTOW_HOME") or Path.home() / ".data")
 
 
 def _is_raised_in(error: BaseException, package: str) -> bool:

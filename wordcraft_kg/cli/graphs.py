@@ -1,10 +1,11 @@
-"""``wordcraft-kg build-graph``, ``wordcraft-kg describe`` and ``wordcraft-kg export``."""
+"""Recipe books and graphs: ``books``, ``check-book``, ``build-graph``, ``describe``, ``export``."""
 
 import logging
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -13,6 +14,7 @@ from wordcraft_kg.base import (
     ConfigError,
     as_values,
     check_output,
+    check_output_file,
     counted,
     listed,
     quoted,
@@ -29,8 +31,18 @@ from wordcraft_kg.cli.console import (
     refuse_given,
     split_labels,
 )
-from wordcraft_kg.cli.options import Base, Book, FileOptions, Force, Graph
+from wordcraft_kg.cli.failures import with_options
+from wordcraft_kg.cli.options import Base, Book, FetchableBook, FileOptions, Force, Graph
+from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.world_config import WordCraftConfig
+from wordcraft_kg.evaluation.books import (
+    BookList,
+    CheckedBook,
+    TaskListing,
+    view_books,
+    view_check,
+    view_tasks,
+)
 from wordcraft_kg.graphs import (
     SPLITS,
     RecipeGraph,
@@ -45,16 +57,25 @@ from wordcraft_kg.graphs import (
     write_graph_folder,
 )
 from wordcraft_kg.graphs.audit import Audit, EntityView, view_entity
+from wordcraft_kg.graphs.book_check import Finding
 from wordcraft_kg.graphs.book_files import book_name
 from wordcraft_kg.graphs.export import EXPORTERS, ExportPart, Format, export_graph
-from wordcraft_kg.graphs.library import published_fold
+from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE, fetch_book, published_fold
+from wordcraft_kg.graphs.planner import derivation_tree
 from wordcraft_kg.graphs.recipes import case_variants, note_of_missing
 from wordcraft_kg.graphs.splits import default_config, read_published_split
 
-if TYPE_CHECKING:
-    from wordcraft_kg.evaluation.books import TaskListing
-
 EXAMPLES = {
+    "books": (
+        "wordcraft-kg books",
+        "wordcraft-kg books --fetch little-alchemy-2",
+        "wordcraft-kg books --fetch infinite-craft",
+        "wordcraft-kg books --fetch inorganic-synthesis",
+    ),
+    "check-book": (
+        "wordcraft-kg check-book recipes.csv",
+        "wordcraft-kg check-book recipes.csv --fix mended.csv",
+    ),
     "describe": (
         "wordcraft-kg describe everyday",
         "wordcraft-kg describe graphs/everyday --entity bread",
@@ -75,8 +96,138 @@ EXAMPLES = {
 }
 
 
-def _kinds() -> str:
-    return ", ".join(f"{name} ({kind.about})" for name, kind in SPLITS.items())
+def books(*, fetch: FetchableBook = None, output: Output = Output()) -> None:
+    """List the recipe books known by name, or download a published book into the cache.
+
+    Commands accept a book's name in place of a path.
+
+    Args:
+        fetch: book to download into the cache; the SHA-256 is checked.
+    """
+    # The only command that downloads a book: all others work without a network.
+    if fetch is not None:
+        path = fetch_book(fetch)
+        book = FETCHABLE[fetch]
+        values = {
+            "book": fetch,
+            "path": str(path),
+            "sha256": book.sha256,
+            "url": book.url,
+            "note": book.note,
+        }
+        output.result(
+            values,
+            [f"{fetch} is in {path} ({book.note})", f"next: wordcraft-kg build-graph {fetch}"],
+        )
+    else:
+        view = view_books()
+        output.result(view, _text_of_books(view))
+
+
+def _text_of_books(view: BookList) -> Iterator[str]:
+    rows: list[tuple[str, ...]] = [("book", "origin", "entities", "recipes", "")]
+    for book in view.books:
+        # A built-in book is in the package, wherever that is.
+        place = ""
+        if book.origin != "built in":
+            place = book.path or f"get it: wordcraft-kg books --fetch {book.name}"
+        note = f"  ({book.note})" if book.note else ""
+        # Right-aligned; a book that is not here has no sizes.
+        entities = f"{_size(book.entities):>8}"
+        recipes = f"{_size(book.recipes):>8}"
+        rows.append((book.name, book.origin, entities, recipes, f"{place}{note}".lstrip()))
+    yield from aligned(rows)
+    yield "with invented words: made-up:BOOK, such as made-up:everyday; made-up-3:BOOK with seed 3"
+    folder = view.data_folder or "not set"
+    yield f"your own: any path, or files in the folder that {DATA_VARIABLE} names ({folder})"
+
+
+def _size(number: int | None) -> str:
+    return "" if number is None else f"{number:,}"
+
+
+def check_book(
+    book: Book,
+    *,
+    base: Base = None,
+    limit: int = 10,
+    fix: Path | None = None,
+    force: Force = False,
+    file: FileOptions = FileOptions(),
+    output: Output = Output(),
+) -> int:
+    """Check a recipe book.
+
+    List problems and notes with line numbers, and count recipes and entities.
+
+    The file itself is not changed. The exit code is 1 if there are problems; notes are no
+    failures.
+
+    Args:
+        book: recipe book: a table, lines a + b = c, JSON, a save of Infinite Craft, a folder of
+            Minecraft recipes, also in gzip or zip; or a known book's name.
+        limit: findings to show for each kind; the rest are counted. The JSON lists all findings.
+        fix: write the mended book to this .csv, .tsv or .json file: readable recipes, each once,
+            without results among their ingredients, in UTF-8 and the file's order, tables with
+            further columns; what is left out is printed.
+    """
+    whole("limit", limit, 0)
+    if fix is not None:
+        check_output_file(fix, force=force, setting="fix")
+    labels = split_labels(base) if base else None
+    view = view_check(book, labels, fix=fix, **file.for_reading())
+    output.result(view, _text_of_check(view, limit))
+    return 0 if view.passed else 1
+
+
+def _where(finding: Finding) -> str:
+    """Return the lines of a finding before its message; a finding about the whole file has none."""
+    if not finding.lines:
+        return ""
+    noun = "line" if len(finding.lines) == 1 else "lines"
+    numbers = ", ".join(map(str, finding.lines))
+    return f"{noun} {numbers}: "
+
+
+def _left_out(view: CheckedBook) -> Iterator[str]:
+    """Yield what the mended book lacks: rows by reason with their places, and columns."""
+    assert view.reading is not None
+    for reason, places in view.left_out.items():
+        number = view.reading.left_out[reason]
+        ellipsis = ", ..." if number > len(places) > 0 else ""
+        at = f" (at {', '.join(map(str, places))}{ellipsis})" if places else ""
+        yield f"left out: {counted(number, 'row')} {reason}{at}"
+    if view.columns_left_out:
+        yield f"left out: the columns {', '.join(view.columns_left_out)}"
+
+
+def _text_of_check(view: CheckedBook, limit: int) -> Iterator[str]:
+    if view.reading is not None:
+        yield view.reading.line()
+    # The limit is one of each kind, or a thousand repetitions would hide a single fault.
+    counts: Counter[str] = Counter()
+    for finding in view.findings:
+        kind = f"{finding.severity} [{finding.kind}]"
+        counts[kind] += 1
+        if counts[kind] <= limit:
+            yield f"{kind} {_where(finding)}{with_options(finding.message)}"
+    # Kinds that were cut say so after all findings, where the eye ends.
+    for kind, number in counts.items():
+        if number > limit:
+            yield f"{kind} and {number - limit:,} more; a larger --limit shows them"
+
+    figures = as_values(view.figures)
+    # The base is what a user has to see as a whole: a slip in a label makes a base entity.
+    if figures.get("base"):
+        figures["base"] = ", ".join(map(quoted, figures["base"]))
+    has_sets = view.reading is not None and bool(view.reading.arities.keys() - {"2"})
+    yield from lines_of(figures, of_sets=has_sets)
+    if view.fixed is not None:
+        yield f"wrote the mended book to {view.fixed}"
+        yield from _left_out(view)
+    problems = sum(finding.severity == "problem" for finding in view.findings)
+    notes = len(view.findings) - problems
+    yield f"{counted(problems, 'problem')}, {notes:,} to look at"
 
 
 def build_graph(  # noqa: PLR0913 - parameters are the command's options
@@ -87,9 +238,11 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
     split: Annotated[
         str | None,
         Parameter(
-            help=f"held-out recipes: {_kinds()}; or a CSV or JSON file with each recipe's or "
-            "result's part, or a book's published fold, such as fold-1. "
-            "Default: by-recipe, or by-goal if most recipes are the only one of their result."
+            help="held-out recipes: "
+            f"{', '.join(f'{name} ({kind.about})' for name, kind in SPLITS.items())}; or a CSV or "
+            "JSON file with each recipe's or result's part, or a book's published fold, such as "
+            "fold-1. Default: by-recipe, or by-goal if most recipes are the only one of their "
+            "result."
         ),
     ] = None,
     train_ratio: float = SplitConfig.train_ratio,
@@ -137,9 +290,7 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
         kind = default_config(graph).kind if split is None else split
         partition = make_split(graph, SplitConfig(kind, train_ratio, valid_ratio, seed))
     audited = write_graph_folder(folder, recipes, partition, force=force)
-    warn_of_base(audited)
-    warn_of_cases(graph.entities)
-    warn_of_missing(graph.entities)
+    _warn(audited, graph.entities)
     full = ("--kg", "full") if split == "none" else ()
     following = command_line("train-recipes", folder, *full)
     end = f"wrote {folder}/   next: {following}"
@@ -218,18 +369,13 @@ def describe(
         output.result(view, _entity_text(view))
         return
     audited = audit(opened.graph, opened.split)
-    warn_of_base(audited)
-    warn_of_cases(opened.graph.entities)
-    warn_of_missing(opened.graph.entities)
+    _warn(audited, opened.graph.entities)
     title = f"graph {opened.graph.name}"
     figures = lines_of(audited, of_sets=audited.sets is not None)
     output.result(audited, [title, *figures, *note_of_shares(audited.split)])
 
 
 def _describe_tasks(graph: str, options: ListedTaskOptions, output: Output) -> None:
-    from wordcraft_kg.envs.wordcraft import WordCraftEnv
-    from wordcraft_kg.evaluation.books import view_tasks
-
     # Before the search for tasks, which takes long at great depths.
     whole("limit", options.limit, 0, MAX_SIZE)
     whole("seed", options.seed, 0)
@@ -240,7 +386,7 @@ def _describe_tasks(graph: str, options: ListedTaskOptions, output: Output) -> N
     output.result(view, _text_of_tasks(view))
 
 
-def lines_of_build(view: "Audit") -> Iterator[str]:
+def lines_of_build(view: Audit) -> Iterator[str]:
     """Yield the figures to check after a build as text; ``describe`` prints all others."""
     split = view.split
     sources = "pairs" if view.sets is None else "ingredient sets"
@@ -273,62 +419,47 @@ def lines_of_build(view: "Audit") -> Iterator[str]:
     yield from aligned(rows)
 
 
-def warn_of_base(audited: "Audit") -> None:
-    """Log warnings about an inferred base, and about entities that cannot be made from the base."""
-    logger = logging.getLogger(__name__)
+def _warn(audited: Audit, labels: Sequence[str]) -> None:
+    for warning in _warnings(audited, labels):
+        logging.getLogger(__name__).warning("%s", warning)
+
+
+def _warnings(audited: Audit, labels: Sequence[str]) -> Iterator[str]:
+    """Yield warnings about base, unreachable entities, and labels that may be slips."""
     base = listed([*map(quoted, audited.base)])
+    remedy = "Name the base in the book (# base: a, b) or with build-graph --base."
     # Everything else is counted from the base, so a wrong guess spoils all numbers.
     if not audited.base:
-        logger.warning(
-            "no entity lacks a recipe, so no base can be inferred and nothing can be made. Name "
-            "the base in the book (# base: a, b) or with build-graph --base."
+        yield (
+            "no entity lacks a recipe, so no base can be inferred and nothing can be made. "
+            f"{remedy}"
         )
-        return
-    if audited.base_is_inferred:
+    elif audited.base_is_inferred:
         entities = counted(len(audited.base), "entity", "entities")
-        logger.warning(
-            "no base is named, so the base is the %s without a recipe: %s. Name the base in the "
-            "book (# base: a, b) or "
-            "with build-graph --base.",
-            entities,
-            base,
-        )
+        yield f"no base is named, so the base is the {entities} without a recipe: {base}. {remedy}"
     unreachable = audited.reachability.unreachable
-    if unreachable:
-        labels = [*map(quoted, audited.reachability.unreachable_entities)]
-        unreachable_names = listed(labels, total=unreachable)
+    if audited.base and unreachable:
+        names = listed([*map(quoted, audited.reachability.unreachable_entities)], total=unreachable)
         number = f"{unreachable:,} of {audited.entities:,}"
-        logger.warning(
-            "%s entities cannot be made from the base (%s): %s", number, base, unreachable_names
-        )
-
-
-def warn_of_cases(labels: Sequence[str]) -> None:
-    """Log a warning about labels that differ only in case, width or variation selectors.
-
-    A chat bot lists results as Lava and ingredients as lava: then half of the recipes are out of
-    reach, and nothing else names the cause.
-    """
+        yield f"{number} entities cannot be made from the base ({base}): {names}"
+    # A chat bot lists results as Lava and ingredients as lava: then half of the recipes are out of
+    # reach, and nothing else names the cause.
     variants = case_variants(labels)
-    if not variants:
-        return
-    shown = listed([" and ".join(map(quoted, group)) for group in variants])
-    logging.getLogger(__name__).warning(
-        "%s only in case: %s. If they are the same thing, read the book with --case fold.",
-        "2 labels differ" if len(variants) == 1 else f"{len(variants):,} groups of labels differ",
-        shown,
-    )
-
-
-def warn_of_missing(labels: Sequence[str]) -> None:
-    """Log a warning about labels that often stand for nothing, such as NA, and are entities."""
-    for note in note_of_missing(labels):
-        logging.getLogger(__name__).warning(
-            "%s; leave such rows out where they mean a missing value or no result.", note
+    if variants:
+        number = f"{len(variants):,} groups of labels differ"
+        if len(variants) == 1:
+            number = "2 labels differ"
+        shown = listed([" and ".join(map(quoted, group)) for group in variants])
+        yield (
+            f"{number} only in case: {shown}. If they are the same thing, read the book with "
+            "--case fold."
         )
+    # Labels that often stand for nothing, such as NA, and are entities.
+    for note in note_of_missing(labels):
+        yield f"{note}; leave such rows out where they mean a missing value or no result."
 
 
-def note_of_shares(split: "SplitSummary") -> Iterator[str]:
+def note_of_shares(split: SplitSummary) -> Iterator[str]:
     """Yield a line if recipes were moved to train, so that the split has other shares than set."""
     num_moved = split.moved_for_coverage
     recipes = (split.train_recipes, split.valid_recipes, split.test_recipes)
@@ -351,7 +482,7 @@ def _percentages(shares: Iterable[float]) -> str:
     return "/".join(f"{share:.0%}" for share in shares if share >= 0.005)
 
 
-def _entity_text(view: "EntityView") -> Iterator[str]:
+def _entity_text(view: EntityView) -> Iterator[str]:
     place = "base entity" if view.base else "cannot be made from the base"
     if view.layer is not None and not view.base:
         place = f"first made in round {view.layer}"
@@ -361,13 +492,11 @@ def _entity_text(view: "EntityView") -> Iterator[str]:
         yield f"{title} ({len(recipes)})"
         yield from (f"  {recipe}" for recipe in recipes)
     if view.derivation and view.derivation.steps:
-        from wordcraft_kg.graphs.planner import derivation_tree
-
         yield f"cheapest derivation ({len(view.derivation.steps)})"
         yield from (f"  {line}" for line in derivation_tree(view.entity, view.derivation.steps))
 
 
-def _text_of_tasks(view: "TaskListing") -> Iterator[str]:
+def _text_of_tasks(view: TaskListing) -> Iterator[str]:
     # Counts as names and values; the examples follow in a form of their own.
     counts = {name: getattr(view, name) for name in view.__struct_fields__ if name != "shown"}
     yield from lines_of(counts)
@@ -375,8 +504,7 @@ def _text_of_tasks(view: "TaskListing") -> Iterator[str]:
         rows = []
         for name in ("start", "distractors", "table"):
             rows.append((f"  {name}", ", ".join(map(quoted, getattr(task, name))) or "none"))
-        for plan in task.plans:
-            rows.append(("  plan", "; ".join(map(str, plan))))
+        rows += [("  plan", "; ".join(map(str, plan))) for plan in task.plans]
         yield from ("", task.goal, *aligned(rows))
 
 

@@ -34,9 +34,11 @@ from wordcraft_kg.cli.failures import with_options
 from wordcraft_kg.cli.options import Force, MovedGraph, Paths, Table, Words
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.score_limits import MAX_QUERIES
+from wordcraft_kg.models.scorers.sets.rules import read_rule
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.links import LinkView
+    from wordcraft_kg.evaluation.ranked_sets import TopShares
     from wordcraft_kg.evaluation.scores import ScoredAnswer
     from wordcraft_kg.evaluation.suggestions import Suggestion, Suggestions, Wish
     from wordcraft_kg.graphs import RecipeGraph, TrainedOn
@@ -157,7 +159,6 @@ def _evaluate_sets(
 ) -> None:
     """Write the evaluation of a model of sets into a folder, and print it."""
     from wordcraft_kg.evaluation.ranked_sets import rank_sets
-    from wordcraft_kg.models.scorers.sets.rules import read_rule
 
     user_rule = read_rule(rule) if rule else None
     view, ranked = rank_sets(trained, name, predictions, user_rule)
@@ -168,12 +169,7 @@ def _evaluate_sets(
     heading = [f"{column} ({top.goals:,})" for column, top in columns.items()]
     rows = [("right set in the first 1, 3, 5, 10", *heading)]
     for method in view.methods:
-        cells = []
-        for top in method.columns.values():
-            low, high = top.intervals[1]
-            shares = " ".join(f"{share:.3f}" for share in top.shares.values())
-            cells.append(f"{shares} [{low:.3f}, {high:.3f}]")
-        rows.append((method.name, *cells))
+        rows.append((method.name, *map(_shares, method.columns.values())))
     calibration = f"calibration error {view.calibration_error:.3f} of the first five sets"
     unanswered = f"; no set for {view.unanswered:,} goals" if view.unanswered else ""
     num_goals = columns["all"].goals
@@ -188,6 +184,12 @@ def _evaluate_sets(
     if view.trained_on == "full":
         lines.insert(0, "all goals were seen in training: memory, not prediction")
     output.result(view, lines)
+
+
+def _shares(top: "TopShares") -> str:
+    """Format the shares of goals with a right set among the first, with the first's interval."""
+    low, high = top.intervals[1]
+    return f"{' '.join(f'{share:.3f}' for share in top.shares.values())} [{low:.3f}, {high:.3f}]"
 
 
 def _text_of_evaluation(view: "LinkView", folder: Path) -> list[str]:
@@ -211,14 +213,12 @@ def _text_of_evaluation(view: "LinkView", folder: Path) -> list[str]:
         rows.append(
             ("few recipes", f"only {count}: another seed of the split may change the verdict")
         )
-    for row in view.drill_down.near_synonyms:
-        if row.slice == "no such train recipe":
-            rows.append(
-                (
-                    "no near-synonym",
-                    f"{_metrics(row)}  (recipes that do not nearly repeat a train recipe)",
-                )
-            )
+    reason = "(recipes that do not nearly repeat a train recipe)"
+    rows += [
+        ("no near-synonym", f"{_metrics(row)}  {reason}")
+        for row in view.drill_down.near_synonyms
+        if row.slice == "no such train recipe"
+    ]
     rows += [(row.slice, _metrics(row)) for row in view.drill_down.other_book]
     if view.in_sample:
         left_out = f"MRR {view.in_sample.left_out_mrr:.3f} on train triples left out of training"
@@ -301,9 +301,8 @@ def score(  # noqa: PLR0913 - parameters are the command's options
     from wordcraft_kg.evaluation.suggestions import check_file_query, is_set_query
 
     whole("top", top, 1)
-    words = [word for word in (head, relation) if word is not None] + [
-        word for word in (tail, *rest) if word
-    ]
+    words = [word for word in (head, relation) if word is not None]
+    words += [word for word in (tail, *rest) if word]
     _check_query(words, has_relation=relation is not None, file=queries, out=out)
     loaded = ScoringModel.open(model, graph, needs_graph=new_only)
     if queries is None and is_set_query(loaded.scorer, words):
@@ -391,19 +390,21 @@ def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str
     if not answers:
         yield "no answer: nothing is left to propose"
         return
-    rows = []
-    for answer in answers:
-        note = "(learned)" if answer.in_sample else ""
-        row = (f"{answer.score:9.4f}", answer.known or "", _thing(answer), _chance(answer), note)
-        rows.append(row)
+    rows = [
+        (
+            f"{answer.score:9.4f}",
+            answer.known or "",
+            _thing(answer),
+            _chance(answer),
+            "(learned)" if answer.in_sample else "",
+        )
+        for answer in answers
+    ]
     kind = "recipe" if "result" in answers[0].slots else "triple"
     names = (f"{'score':>9}", "part", kind, "probability", "")
     # A column in which no row has anything has no heading either.
-    headings = []
-    for place, name in enumerate(names):
-        is_filled = any(row[place] for row in rows)
-        headings.append(name if is_filled else "")
-    heading, *lines = aligned([headings, *rows])
+    columns = zip(names, zip(*rows, strict=True), strict=True)
+    heading, *lines = aligned([[name if any(cells) else "" for name, cells in columns], *rows])
     yield heading
     for number, (line, answer) in enumerate(zip(lines, answers, strict=True)):
         yield line
@@ -425,12 +426,8 @@ def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str
 
 
 def _thing(answer: "ScoredAnswer") -> str:
-    first, second, third = answer.slots.values()
-    return (
-        f"{first} + {second} -> {third}"
-        if "result" in answer.slots
-        else " ".join((first, second, third))
-    )
+    form = "{} + {} -> {}" if "result" in answer.slots else "{} {} {}"
+    return form.format(*answer.slots.values())
 
 
 def _chance(answer: "ScoredAnswer") -> str:
@@ -540,7 +537,6 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
         write_suggestions,
     )
     from wordcraft_kg.models.recipes.recipe_records import SetMetrics
-    from wordcraft_kg.models.scorers.sets.rules import read_rule
 
     whole("top", top, 1)
     user_rule = read_rule(rule) if rule else None

@@ -4,24 +4,21 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Group, Parameter
+from cyclopts.completion import CompletionContext
 
 from wordcraft_kg.cli.console import Flag, split_labels
+from wordcraft_kg.graphs.book_files import ReadOptions
 from wordcraft_kg.graphs.library import FETCHABLE, known_books
 from wordcraft_kg.graphs.tasks import TaskPart
-
-if TYPE_CHECKING:
-    from cyclopts.completion import CompletionContext
-
-    from wordcraft_kg.graphs.book_files import ReadOptions
 
 AGENT = "train-agent"
 """Kind of run, as in ``run.json``, that trains an agent."""
 
 
-def _complete_book(context: "CompletionContext") -> Iterator[str]:
+def _complete_book(context: CompletionContext) -> Iterator[str]:
     yield from (book.name for book in known_books() if book.path is not None)
     # Not the whole path is given as a pattern: what a user has typed may hold a bracket or a star.
     folder = Path(os.path.dirname(context.incomplete))
@@ -98,7 +95,7 @@ class FileOptions:
     case: Literal["keep", "fold"] = "keep"
     single_ingredient: str | None = None
 
-    def for_reading(self) -> "ReadOptions":
+    def for_reading(self) -> ReadOptions:
         """Return the options as arguments of ``read_book``."""
         return {
             "columns": split_labels(self.columns) if self.columns else None,

@@ -4,6 +4,7 @@ import logging
 import shlex
 import sys
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -30,13 +31,24 @@ from wordcraft_kg.cli.console import (
 )
 from wordcraft_kg.cli.options import Force, Table, Words
 from wordcraft_kg.runs.run_folder import sigterm_as_interrupt
+from wordcraft_kg.studies.claims import ClaimVerdict, in_words
+from wordcraft_kg.studies.engine import Pool, StudyProgress, missing_tasks, run_plan
+from wordcraft_kg.studies.perform import perform
+from wordcraft_kg.studies.plan import Plan, make_plan
+from wordcraft_kg.studies.results import StudyResults, collect_study, results_text, studies_of
+from wordcraft_kg.studies.search import search as search_settings, validation_success
+from wordcraft_kg.studies.study import (
+    PLAYER,
+    Study,
+    adapted,
+    built_in,
+    cells_of,
+    read_study,
+    title_of,
+)
 
 if TYPE_CHECKING:
-    from wordcraft_kg.studies.engine import StudyProgress, Watch
-    from wordcraft_kg.studies.plan import Plan
-    from wordcraft_kg.studies.results import StudyResults
-    from wordcraft_kg.studies.study import Study
-    from wordcraft_kg.studies.view import StudyView
+    from wordcraft_kg.studies.view import PointMetrics, StudyView
 
 EXAMPLES = (
     "wordcraft-kg reproduce --list",
@@ -160,9 +172,7 @@ def reproduce(  # noqa: PLR0913 - parameters are the command's options
     return _run(studies, engine, table, output)
 
 
-def _chosen(study: str, changes: Changes) -> "dict[str, Study]":
-    from wordcraft_kg.studies.study import adapted, built_in, read_study
-
+def _chosen(study: str, changes: Changes) -> dict[str, Study]:
     if study not in (ALL, *built_in()):
         if changes.book:
             raise ConfigError("`book` is for built-in studies; in a study file, set the book.")
@@ -184,8 +194,6 @@ def _chosen(study: str, changes: Changes) -> "dict[str, Study]":
 
 
 def _list(changes: Changes, output: Output) -> int:
-    from wordcraft_kg.studies.study import PLAYER, adapted, built_in, cells_of, read_study
-
     if changes.book:
         raise ConfigError("`book` does not apply to `--list`; leave the option out.")
     listed: dict[str, dict[str, object]] = {}
@@ -204,19 +212,16 @@ def _list(changes: Changes, output: Output) -> int:
 def _show(
     study: str | None, root: Path, options: ShowOptions, table: Path | None, output: Output
 ) -> int:
-    from wordcraft_kg.studies.report import lines_of, write_study_report
+    from wordcraft_kg.studies.report import write_study_report
     from wordcraft_kg.studies.view import view_study
 
-    file = Path(study) if study is not None and Path(study).is_file() else None
-    results = _collect(study, file, root)
-    target = None
-    if options.plot:
-        beside = file.parent if file else root
-        target = beside / "reports" / results.name
+    results, folder = _collect(study, root)
+    target = folder / "reports" / results.name if options.plot else None
+    if target is not None:
         # Refused before the tables and plots are made.
         check_output(target, force=options.force)
     view = view_study(results)
-    text = [*lines_of(view), *_write_table(table, view, force=options.force)]
+    text = [*_lines_of(view), *_write_table(table, view, force=options.force)]
     if target is not None:
         page, *_ = write_study_report(view, target, force=options.force)
         text.append(f"wrote {target}/   open {page}")
@@ -235,41 +240,40 @@ def _write_table(table: Path | None, view: "StudyView", *, force: bool = False) 
     return write_table(table, rows, force=force)
 
 
-def _collect(study: str | None, file: Path | None, root: Path) -> "StudyResults":
-    """Return existing results.
+def _collect(study: str | None, root: Path) -> tuple[StudyResults, Path]:
+    """Return existing results, and the folder that they are in.
 
     Args:
         study: name of a study in the results folder, or a results file; None for the only study.
-        file: the results file, if ``study`` is one.
         root: the results folder.
     """
-    from wordcraft_kg.studies.results import StudyResults, collect_study, studies_of
-
-    suffix = Path(study).suffix if study is not None else ""
-    if suffix == ".toml":
+    path = Path(study or "")
+    if path.suffix == ".toml":
         raise ConfigError(
             f"'{study}' is a study; expected results. Give the study's name, or a results file."
         )
-    if file is not None:
-        return read_record(file, StudyResults)
-    if suffix == ".json":
+    if path.is_file():
+        return read_record(path, StudyResults), path.parent
+    if path.suffix == ".json":
         raise ConfigError(
             f"'{study}': no such file. Give a results file, or the name of a study in '{root}'."
         )
-    names = studies_of(root)
-    # With one study in the folder, its name says nothing new.
-    if study is None and not names:
-        raise ConfigError(
-            f"'{root}' has no results yet. Run a study first (`wordcraft-kg reproduce --list` "
-            "names them), or give the folder of its results with --out."
-        )
-    if study is None and len(names) > 1:
-        raise ConfigError(f"'{root}' has results of {', '.join(names)}; name a study.")
-    return collect_study(root, names[0] if study is None else study)
+    if study is None:
+        names = studies_of(root)
+        if not names:
+            raise ConfigError(
+                f"'{root}' has no results yet. Run a study first (`wordcraft-kg reproduce --list` "
+                "names them), or give the folder of its results with --out."
+            )
+        if len(names) > 1:
+            raise ConfigError(f"'{root}' has results of {', '.join(names)}; name a study.")
+        # With one study in the folder, its name says nothing new.
+        (study,) = names
+    return collect_study(root, study), root
 
 
 def _run(
-    studies: "dict[str, Study]", options: EngineOptions, table: Path | None, output: Output
+    studies: dict[str, Study], options: EngineOptions, table: Path | None, output: Output
 ) -> int:
     """Run studies, write the reports, print the outcome and return the exit code.
 
@@ -279,8 +283,6 @@ def _run(
         table: file for a table of the results; None for none.
         output: the command's common options.
     """
-    from wordcraft_kg.studies.plan import make_plan
-
     values: dict[str, Any] = {}
     text: list[str] = []
     failed = False
@@ -290,40 +292,41 @@ def _run(
             values[plan.name], lines = _planned(plan, options)
         else:
             state = _run_plan(plan, options, output)
-            values[plan.name], lines = _reported(plan, state, options, table)
+            values[plan.name], lines = _reported(plan, state, options.out, table)
             failed |= bool(state.failed) or values[plan.name]["report"] is None
         text += lines
     output.result({"out": str(options.out), "studies": values}, text)
     return 1 if failed else 0
 
 
-def _searched(study: "Study", name: str, options: EngineOptions, output: Output) -> "Study":
+def _searched(study: Study, name: str, options: EngineOptions, output: Output) -> Study:
     """Return a study with the settings that are best on validation tasks, all trained."""
-    from wordcraft_kg.studies.plan import make_plan
-    from wordcraft_kg.studies.search import search, validation_success
-
     if options.keep != "all" or options.dry_run:
         raise ConfigError("a search reads the trained agents: leave out `keep` and `dry_run`.")
     # Each trial replaces the study's record, which it would say.
     logging.getLogger("wordcraft_kg.studies.results").setLevel(logging.ERROR)
 
-    def score(trial: "Study") -> float:
+    def score(trial: Study) -> float:
         plan = make_plan(trial, name)
         for outcome in _run_plan(plan, options, output).failed.values():
             raise TrainingError(f"a trial of '{name}' failed: {outcome.error}")
         return validation_success(plan, options.out)
 
-    return search(study, score)
+    return search_settings(study, score)
 
 
-def _run_plan(plan: "Plan", options: EngineOptions, output: Output) -> "StudyProgress":
+def _run_plan(plan: Plan, options: EngineOptions, output: Output) -> StudyProgress:
     """Run a study's tasks in processes on this machine or on a Ray cluster."""
-    from wordcraft_kg.studies.engine import Pool, run_plan
-    from wordcraft_kg.studies.perform import perform
-
     work = partial(perform, keep_all=options.keep == "all")
     # Results name the command that made them, so that others can repeat it.
     command = shlex.join(["wordcraft-kg", *sys.argv[1:]])
+    progress = output.progress(plan.name, unit="done")
+
+    def watch(plan: Plan, state: StudyProgress) -> None:
+        failed = len(state.failed)
+        # A failed task is over, too: the bar counts what needs no more time.
+        progress(state.kept + state.done + failed, state.total, {"failed": failed})
+
     # A cluster ends jobs by SIGTERM; finished tasks are kept as after Ctrl-C.
     with sigterm_as_interrupt():
         return run_plan(
@@ -332,75 +335,61 @@ def _run_plan(plan: "Plan", options: EngineOptions, output: Output) -> "StudyPro
             Pool(options.jobs, options.engine, options.address),
             work=work,
             command=command,
-            watch=_watch(plan, output),
+            watch=watch,
         )
 
 
-def _planned(plan: "Plan", options: EngineOptions) -> tuple[dict[str, Any], list[str]]:
+def _planned(plan: Plan, options: EngineOptions) -> tuple[dict[str, Any], list[str]]:
     """Return what a study would do, as JSON values and as lines of text."""
-    from wordcraft_kg.studies.engine import missing_tasks
-
     missing = len(missing_tasks(plan, options.out))
     kinds = Counter(task.kind for task in plan.tasks.values())
-    counts = []
-    for kind, number in kinds.items():
-        # Kinds are plurals: runs, scorers, graphs.
-        noun = kind if number > 1 else kind[:-1]
-        counts.append(f"{number:,} {noun}")
+    # Kinds are plurals: runs, scorers, graphs.
+    counts = [f"{number:,} {kind if number > 1 else kind[:-1]}" for kind, number in kinds.items()]
     everything = ", ".join(counts)
     title = f"{plan.study.title}: {everything}; {missing:,} to perform"
-    tasks = []
-    lines = []
-    for address, task in plan.tasks.items():
-        tasks.append({"address": address, "title": task.title})
-        lines.append(f"  {address}  {task.title}")
+    tasks = [{"address": task.address, "title": task.title} for task in plan.tasks.values()]
+    lines = [f"  {task.address}  {task.title}" for task in plan.tasks.values()]
     values = {"missing": missing, "tasks": tasks}
     return values, [title, *_first(lines, "--json lists all")]
 
 
 def _reported(
-    plan: "Plan", state: "StudyProgress", options: EngineOptions, table: Path | None = None
+    plan: Plan, state: StudyProgress, root: Path, table: Path | None
 ) -> tuple[dict[str, Any], list[str]]:
     """Write the report of a study; return the outcome as JSON values and as lines of text.
 
     Args:
         plan: the study's plan.
         state: how its tasks have ended.
-        options: where and how the study ran.
+        root: the results folder.
         table: file for a table of the results; None for none.
     """
-    from wordcraft_kg.studies.report import lines_of, write_study_report
-    from wordcraft_kg.studies.results import collect_study, results_text
+    from wordcraft_kg.studies.report import write_study_report
     from wordcraft_kg.studies.view import view_study
 
-    results = collect_study(options.out, plan.name)
-    folder = options.out / "reports" / plan.name
-    page = None
+    results = collect_study(root, plan.name)
+    folder = root / "reports" / plan.name
     failures = {
         plan.tasks[address].title: outcome.error for address, outcome in state.failed.items()
     }
+    values = {"done": state.done, "kept": state.kept, "failed": failures, "report": None}
     counts = f"{counted(state.done, 'task')} done, {state.kept:,} already done"
     text = [f"{counts}, {len(failures):,} failed"]
     reasons = [f"  {title}: {error}" for title, error in failures.items()]
     text += _first(reasons, "--json lists all")
+    if not results.runs:
+        return values, text
     try:
-        if results.runs:
-            view = view_study(results)
-            page, *_ = write_study_report(view, folder, force=True)
-            # After the report, which replaces the folder; small enough to keep with the page.
-            write_atomically(folder / "results.json", results_text(results))
-            wrote = _write_table(table, view)
-            text = [*lines_of(view), *text, *wrote, f"wrote {folder}/   open {page}"]
+        view = view_study(results)
     except ConfigError as error:
         # Metrics cannot be averaged; go on with the next study.
-        text.append(f"no report: {error}")
-    values = {
-        "done": state.done,
-        "kept": state.kept,
-        "failed": failures,
-        "report": None if page is None else str(folder),
-    }
-    return values, text
+        return values, [*text, f"no report: {error}"]
+    page, *_ = write_study_report(view, folder, force=True)
+    # After the report, which replaces the folder; small enough to keep with the page.
+    write_atomically(folder / "results.json", results_text(results))
+    wrote = _write_table(table, view)
+    text = [*_lines_of(view), *text, *wrote, f"wrote {folder}/   open {page}"]
+    return {**values, "report": str(folder)}, text
 
 
 def _first(lines: list[str], rest: str) -> list[str]:
@@ -410,13 +399,51 @@ def _first(lines: list[str], rest: str) -> list[str]:
     return [*lines[:LISTED], f"  and {len(lines) - LISTED:,} more; {rest}"]
 
 
-def _watch(plan: "Plan", output: Output) -> "Watch":
-    progress = output.progress(plan.name, unit="done")
+def _lines_of(view: "StudyView") -> Iterator[str]:
+    """Yield the success of each agent at each grid point, and verdicts on claims, as text."""
+    yield f"{view.title}: success on test tasks"
+    for point in view.points:
+        yield from _lines_of_point(point)
+    compared = ""
+    if view.comparisons:
+        number = "the comparison"
+        if view.comparisons > 1:
+            number = f"{view.comparisons} comparisons, corrected by Holm"
+        compared = f"; differences to {view.reference}; p of {number}"
+    yield f"intervals: 95 % over {view.resampled}{compared}"
+    if view.claims:
+        yield "claims"
+        yield from aligned(_rows_of_claims(view.claims))
+    if view.missing:
+        first = view.missing[0]
+        number = counted(len(view.missing), "training")
+        training = f"{first.variant}, seed {first.seed}"
+        yield f"{number} without results; the first, {training}: {first.why}"
 
-    def watch(plan: "Plan", state: "StudyProgress") -> None:
-        failed = len(state.failed)
-        # A failed task is over, too: the bar counts what needs no more time.
-        over = state.kept + state.done + failed
-        progress(over, state.total, {"failed": failed})
 
-    return watch
+def _lines_of_point(point: "PointMetrics") -> Iterator[str]:
+    from wordcraft_kg.studies.report import difference_of, p_value_of, with_bounds
+
+    facts = []
+    # Without a grid, the title of the point already names the graphs.
+    if point.values:
+        facts = [f"{graph.name}, {graph.kind}" for graph in point.graphs]
+    # Splits of one graph and kind are named once.
+    facts = [*dict.fromkeys(facts), counted(point.tasks, "test task")]
+    yield f"{point.title} ({'; '.join(facts)})"
+    rows = []
+    for entry in point.variants:
+        comparison = ""
+        if entry.comparison is not None:
+            comparison = f"  {difference_of(entry)}  p {p_value_of(entry)}"
+        seeds = counted(len(entry.seeds), "seed")
+        success = with_bounds(entry.mean, entry.interval)
+        rows.append((f"  {entry.variant}", success, seeds + comparison))
+    yield from aligned(rows)
+
+
+def _rows_of_claims(claims: Sequence[ClaimVerdict]) -> Iterator[tuple[str, str]]:
+    for claim in claims:
+        yield f"  {claim.verdict}", claim.text
+        for measured in claim.measured:
+            yield "", f"{title_of(measured.values)}: {in_words(claim, measured)}"

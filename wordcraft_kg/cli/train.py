@@ -3,7 +3,7 @@
 import logging
 import shlex
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 from cyclopts import Parameter
 
 from wordcraft_kg.agents.agent_config import AgentConfig, ImpalaConfig, TaskConfig
-from wordcraft_kg.base import ArtefactError, ConfigError, as_values, counted
+from wordcraft_kg.base import ArtefactError, ConfigError, OutputExistsError, as_values, counted
 from wordcraft_kg.cli.console import (
     Output,
     aligned,
@@ -28,6 +28,7 @@ from wordcraft_kg.models.scorers.features import ENCODE
 from wordcraft_kg.runs.config_file import RunConfig
 from wordcraft_kg.runs.record import RUN_FILE
 from wordcraft_kg.runs.run_folder import Progress, check_run_output, interruption_message
+from wordcraft_kg.runs.training import Training, begun_run
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.agent_training import TrainedAgent
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from wordcraft_kg.models.links.link_training import TrainedLinks
     from wordcraft_kg.models.recipes.recipe_records import RecipeMetrics, TrainedSets
     from wordcraft_kg.models.recipes.recipe_training import TrainedRecipes
-    from wordcraft_kg.runs.training import Training
 
 EXAMPLES = {
     "train-recipes": (
@@ -144,14 +144,14 @@ class TrainingCommand(ABC):
     compared_with: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
-    def trainer(self) -> "type[Training[Any, Any, Any]]":
+    def trainer(self) -> type[Training[Any, Any, Any]]:
         """Import the class that trains; a method, because torch takes seconds to import."""
 
     @abstractmethod
     def rows(self, trained: Any) -> Rows:
         """Return the outcome of a training as text rows (name, value)."""
 
-    def seed_rows(self, values: dict[int, Values]) -> Rows:
+    def seed_rows(self, values: dict[str, Values]) -> Rows:
         """Return the outcomes of several seeds, as plain values, as text rows."""
         return []
 
@@ -160,22 +160,15 @@ class TrainingCommand(ABC):
         return {"out": str(trained.folder), **as_values(trained.metrics)}
 
     def finish(self, trained: Any, config: Any) -> None:  # noqa: B027 - optional
-        """Write further output after training, such as a report."""
+        """Write further output after training, such as a report.
+
+        Raises:
+            ArtefactError: if it cannot be written.
+        """
 
     def is_finished(self, folder: Path) -> bool:
         """Return whether the run folder has the ``product``, such as the report."""
         return (folder / self.product).exists()
-
-    def finish_run(self, trained: Any, config: RunConfig) -> None:
-        """Call :meth:`finish`; raise an ArtefactError if the product cannot be written."""
-        try:
-            self.finish(trained, config)
-        except OSError as error:
-            product = f"the {self.product} of '{trained.folder}'"
-            raise ArtefactError(
-                f"{product} cannot be written ({error.strerror or error}). The training is "
-                "complete; make space and repeat the command."
-            ) from None
 
 
 def run_training(
@@ -196,7 +189,8 @@ def run_training(
         out: run folder, or parent folder of several seeds; None for the default.
         force: whether an existing output is replaced.
         output: the command's common options.
-        seeds: seeds to train in turn, such as 0-4; None trains with the seed in the settings.
+        seeds: seeds to train in turn, such as 0-4, each in a folder of its own; None trains with
+            the seed in the settings.
         trackers: names of metric trackers.
 
     Returns:
@@ -211,26 +205,15 @@ def run_training(
     if out is not None and (force or command.is_finished(out) or not (out / RUN_FILE).is_file()):
         # Before torch takes seconds to import. An unfinished run is no error: it is continued.
         check_run_output(out, force=force)
-    from wordcraft_kg.runs.training import begun_run
-
-    trainer = command.trainer()
+    kind = command.trainer().kind
     kg = getattr(getattr(config, "settings", None), "kg", None)
-    progress = output.progress(f"{kg} graph" if kg else trainer.kind.name, unit=trainer.kind.unit)
+    progress = output.progress(f"{kg} graph" if kg else kind.name, unit=kind.unit)
 
     # A complete training without its report, as after a full disk, is not trained again.
     def lacks_product(folder: Path) -> bool:
         return not command.is_finished(folder)
 
-    run = begun_run(
-        trainer, config, out, force=force, keep=lacks_product, trackers=trackers, progress=progress
-    )
-    with run as fit:
-        trained = fit()
-    # The training of a recipe scorer raises by itself, and its outcome has no such attribute.
-    if getattr(trained, "interrupted", False):
-        last = next(iter(trainer.kind.checkpoints(trained.folder).records()))
-        raise KeyboardInterrupt(interruption_message(trained.folder, trainer.kind.unit, last))
-    command.finish_run(trained, config)
+    trained = _train(command, config, out, force, lacks_product, trackers, progress)
     # What a user does next: an agent has its report already.
     following = f"next: {command_line('evaluate-links', trained.folder)}"
     if command.product:
@@ -238,6 +221,31 @@ def run_training(
     end = f"wrote {trained.folder}/   {following}"
     output.result(command.values(trained), [*aligned(command.rows(trained)), end])
     return 0
+
+
+def _train(
+    command: TrainingCommand,
+    config: RunConfig,
+    folder: Path | None,
+    force: bool,
+    keep: bool | Callable[[Path], bool],
+    trackers: Sequence[str],
+    progress: Progress,
+) -> Any:
+    """Train with one seed, and write what the command adds, such as a report."""
+    trainer = command.trainer()
+    run = begun_run(
+        trainer, config, folder, force=force, keep=keep, trackers=trackers, progress=progress
+    )
+    with run as fit:
+        trained = fit()
+    # The training of a recipe scorer raises by itself, and its outcome has no such attribute.
+    if getattr(trained, "interrupted", False):
+        last = next(iter(trainer.kind.checkpoints(trained.folder).records()))
+        raise KeyboardInterrupt(interruption_message(trained.folder, trainer.kind.unit, last))
+    if not command.is_finished(trained.folder):
+        command.finish(trained, config)
+    return trained
 
 
 def _train_seeds(
@@ -257,28 +265,25 @@ def _train_seeds(
         raise ConfigError(
             f"--seed {settings.seed} and --seeds {seeds} cannot be combined; use only one."
         )
-    configs = {}
-    for seed in whole_numbers("seeds", [seeds]):
-        configs[seed] = replace(config, **{part: replace(settings, seed=seed)})
-    from wordcraft_kg.runs.training import train_seeds
-
-    trainer = command.trainer()
+    # All before the first training, so that a seed out of range is refused at once.
+    configs = {
+        seed: replace(config, **{part: replace(settings, seed=seed)})
+        for seed in whole_numbers("seeds", [seeds])
+    }
     parent = config.default_folder(open_graph(config.graph).graph.name) if out is None else out
-
-    def progress(seed: int) -> Progress:
-        return output.progress(f"seed-{seed}", unit=trainer.kind.unit)
-
-    outcome_of: dict[int, Any] = {}
+    if (parent / RUN_FILE).exists():
+        raise OutputExistsError(
+            f"'{parent}' is a single run; several seeds need a folder for all runs. Choose another "
+            "`out`."
+        )
+    values: dict[str, Values] = {}
     try:
         # One by one: each seed's report is there before the next training begins.
-        for seed, trained in train_seeds(
-            trainer, configs, parent, force=force, trackers=trackers, progress=progress
-        ):
-            if trained.interrupted:
-                raise KeyboardInterrupt
-            if not command.is_finished(trained.folder):
-                command.finish_run(trained, config)
-            outcome_of[seed] = trained
+        for seed, seed_config in configs.items():
+            name = f"seed-{seed}"
+            progress = output.progress(name, unit=command.trainer().kind.unit)
+            trained = _train(command, seed_config, parent / name, force, True, trackers, progress)
+            values[str(seed)] = command.values(trained)
     except KeyboardInterrupt:
         advice = "repeat the command to train the rest"
         if force:
@@ -286,15 +291,11 @@ def _train_seeds(
                 "with --force the command trains all seeds again; "
                 "leave out --force to keep finished seeds"
             )
-        progress_so_far = f"{len(outcome_of)} of {len(configs)} seeds are done"
+        progress_so_far = f"{len(values)} of {len(configs)} seeds are done"
         raise KeyboardInterrupt(f"interrupted; {progress_so_far}, {advice}") from None
-    values = {seed: command.values(outcome) for seed, outcome in outcome_of.items()}
     following = command_line("compare", parent, *command.compared_with)
     end = f"wrote {parent}/   next: {following}"
-    by_seed = {str(seed): outcome for seed, outcome in values.items()}
-    output.result(
-        {"out": str(parent), "seeds": by_seed}, [*aligned(command.seed_rows(values)), end]
-    )
+    output.result({"out": str(parent), "seeds": values}, [*aligned(command.seed_rows(values)), end])
     return 0
 
 
@@ -303,7 +304,7 @@ class LinkTraining(TrainingCommand):
 
     compared_with = ("ANOTHER",)
 
-    def trainer(self) -> "type[Training[Any, Any, Any]]":  # noqa: D102
+    def trainer(self) -> type[Training[Any, Any, Any]]:  # noqa: D102
         from wordcraft_kg.models.links.link_training import LinksTraining
 
         return LinksTraining
@@ -334,7 +335,7 @@ class LinkTraining(TrainingCommand):
             )
         return rows
 
-    def seed_rows(self, values: dict[int, Values]) -> Rows:  # noqa: D102
+    def seed_rows(self, values: dict[str, Values]) -> Rows:  # noqa: D102
         text = "links of learned recipes: MRR {train_mrr:.3f}, {epochs} epochs"
         return [(f"seed {seed}", text.format_map(metrics)) for seed, metrics in values.items()]
 
@@ -342,7 +343,7 @@ class LinkTraining(TrainingCommand):
 class RecipeTraining(TrainingCommand):
     """The training of recipe scorers, ``train-recipes``."""
 
-    def trainer(self) -> "type[Training[Any, Any, Any]]":  # noqa: D102
+    def trainer(self) -> type[Training[Any, Any, Any]]:  # noqa: D102
         from wordcraft_kg.models.recipes.recipe_training import RecipesTraining
 
         return RecipesTraining
@@ -380,7 +381,7 @@ class AgentsTraining(TrainingCommand):
 
     product = "report"
 
-    def trainer(self) -> "type[Training[Any, Any, Any]]":  # noqa: D102
+    def trainer(self) -> type[Training[Any, Any, Any]]:  # noqa: D102
         from wordcraft_kg.agents.agent_training import AgentTraining
 
         return AgentTraining
@@ -399,19 +400,16 @@ class AgentsTraining(TrainingCommand):
             )
         return rows
 
-    def seed_rows(self, values: dict[int, Values]) -> Rows:  # noqa: D102
+    def seed_rows(self, values: dict[str, Values]) -> Rows:  # noqa: D102
         have_test = all("test" in summary["success"] for summary in values.values())
         part = "test" if have_test else "train"
-        rates = []
-        rows = []
-        for seed, summary in values.items():
-            success = summary["success"][part]
-            rates.append(success)
-            rows.append((f"seed {seed}", f"success {success:.3f} on {part} tasks"))
-        mean = sum(rates) / len(rates)
-        spread = f"from {min(rates):.3f} to {max(rates):.3f}"
-        rows.append(("mean", f"success {mean:.3f}, {spread}"))
-        return rows
+        rates = {seed: summary["success"][part] for seed, summary in values.items()}
+        mean = sum(rates.values()) / len(rates)
+        spread = f"from {min(rates.values()):.3f} to {max(rates.values()):.3f}"
+        return [
+            *((f"seed {seed}", f"success {rates[seed]:.3f} on {part} tasks") for seed in rates),
+            ("mean", f"success {mean:.3f}, {spread}"),
+        ]
 
     def values(self, trained: "TrainedAgent") -> Values:  # noqa: D102
         assert trained.summary is not None
@@ -436,7 +434,14 @@ class AgentsTraining(TrainingCommand):
         # A split may have no test tasks at this depth.
         part: TaskPart = "test" if "test" in trained.summary.success else "train"
         view = view_agents(group_agents([open_agent(trained.folder, config.graph)]), part=part)
-        write_report(make_agent_report(view), trained.folder / "report", force=True)
+        try:
+            write_report(make_agent_report(view), trained.folder / self.product, force=True)
+        except OSError as error:
+            raise ArtefactError(
+                f"the {self.product} of '{trained.folder}' cannot be written "
+                f"({error.strerror or error}). The training is complete; make space and repeat "
+                "the command."
+            ) from None
 
 
 def _learned_from(metrics: "LinkMetrics | RecipeMetrics") -> Rows:

@@ -7,7 +7,6 @@ folds, have a checkpoint each, and run in parallel processes by joblib's executo
 
 import hashlib
 import logging
-import re
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -107,13 +106,10 @@ class Checkpoints(Generic[P]):
     def records(self) -> dict[int, Path]:
         """Return the JSON record paths by checkpoint number, latest first."""
         # Temporary files of a killed write have other names.
-        name = re.compile(rf"{self.unit}-(\d+)")
-        paths: dict[int, Path] = {}
-        for path in self.folder.glob("*.json"):
-            match = name.fullmatch(path.stem)
-            if match:
-                paths[int(match[1])] = path
-        return dict(sorted(paths.items(), reverse=True))
+        paths = self.folder.glob(f"{self.unit}-*.json")
+        path_of = {path.stem.removeprefix(f"{self.unit}-"): path for path in paths}
+        numbers = {int(name): path for name, path in path_of.items() if name.isdecimal()}
+        return dict(sorted(numbers.items(), reverse=True))
 
     def save(
         self,

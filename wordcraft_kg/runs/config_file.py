@@ -92,10 +92,7 @@ def _flat(settings: Any) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for field in fields(settings):
         value = getattr(settings, field.name)
-        if is_dataclass(value):
-            values |= _flat(value)
-        else:
-            values[_key(field.name)] = value
+        values |= _flat(value) if is_dataclass(value) else {_key(field.name): value}
     return values
 
 
@@ -126,8 +123,8 @@ def _taken(
             group: Any = [*matching, *groups][0]
             nested[field.name] = _taken(group, settings, command, path)
             continue
-        has_default = field.default is not MISSING
-        plain.append((field.name, hint, field.default) if has_default else (field.name, hint))
+        default = () if field.default is MISSING else (field.default,)
+        plain.append((field.name, hint, *default))
         if _key(field.name) in settings:
             values[field.name] = settings.pop(_key(field.name))
     # A record of these fields checks their types, and only then the dataclass their values.
@@ -157,12 +154,13 @@ def write_config(
         prefix, path = without_prefix(path)
         return prefix + (os.path.relpath(path, folder) if os.path.exists(path) else path)
 
-    lines = [f"[{command}]"]
-    for key, value in moved(settings, relative).items():
-        if value is not None:
-            # Strings, numbers, booleans and lists of these are the same in JSON and TOML.
-            lines.append(f"{key} = {json.dumps(value, ensure_ascii=False)}")
-    text = "\n".join(lines) + "\n"
+    # Strings, numbers, booleans and lists of these are the same in JSON and TOML.
+    lines = [
+        f"{key} = {json.dumps(value, ensure_ascii=False)}\n"
+        for key, value in moved(settings, relative).items()
+        if value is not None
+    ]
+    text = "".join([f"[{command}]\n", *lines])
     path = folder / CONFIG_FILE
     # A resumed run whose inputs lie where they lay keeps its file and the file's hash.
     if not path.is_file() or path.read_bytes() != text.encode():
@@ -185,11 +183,10 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
         return prefix + (os.path.normpath(target) if os.path.exists(target) else path)
 
     path = folder / CONFIG_FILE
+    content = read_small_file(path)
     try:
-        ((command, settings),) = tomllib.loads(read_small_file(path).decode()).items()
+        ((command, settings),) = tomllib.loads(content.decode()).items()
         return command, moved(settings, from_here)
-    except ArtefactError:  # which is a ValueError, with a better message
-        raise
     except (ValueError, AttributeError, RecursionError) as error:
         raise ArtefactError(
             f"{path} is damaged ({error}). Train again, or restore a copy."

@@ -58,12 +58,9 @@ class ProgressBar:
         if self.hidden or given_up or ProgressBar._current not in (None, self):
             return
         ProgressBar._current = self
-        shown = []
-        for name, value in figures.items():
-            # The bar has its own count and clock.
-            if name not in ("epoch", "seconds"):
-                number = f"{value:,.0f}" if abs(value) >= 1e4 else f"{value:.4g}"
-                shown.append(f"{name.replace('_', ' ')} {number}")
+        # The bar has its own count and clock.
+        names = [name for name in figures if name not in ("epoch", "seconds")]
+        shown = [f"{name.replace('_', ' ')} {_figure(figures[name])}" for name in names]
         console = Console(stderr=True)
         # In a log file, a bar would be thousands of lines.
         if console.is_interactive:
@@ -76,10 +73,9 @@ class ProgressBar:
     def _print(self, console: "Console", done: int, total: int, figures: list[str]) -> None:
         seconds = time.monotonic()
         # The end of a training is always worth a line, the end of a stage never.
-        if done == total:
-            if self.is_stage:
-                return
-        elif seconds - ProgressBar._printed < self.INTERVAL:
+        is_due = seconds - ProgressBar._printed >= self.INTERVAL
+        is_shown = not self.is_stage if done == total else is_due
+        if not is_shown:
             return
         ProgressBar._printed = seconds
         place = f"{self.unit} {done:,} of {total:,}".lstrip() if total > 1 else "..."
@@ -113,20 +109,20 @@ class ProgressBar:
     def _begin_bar(self, console: "Console") -> Any:
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-        before = (
+        return Progress(
             TextColumn("{task.description}"),
             BarColumn(bar_width=None),
             TextColumn("{task.fields[count]}"),
-        )
-        columns = (*before, TimeRemainingColumn(), TextColumn("{task.fields[figures]}"))
-        options: dict[str, Any] = {
-            "redirect_stdout": False,  # a command's result may be piped
-            "refresh_per_second": 4,
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[figures]}"),
+            console=console,
+            expand=True,
+            redirect_stdout=False,  # a command's result may be piped
+            refresh_per_second=4,
             # The result, which follows, says how the work ended: bars of several trainings would
             # only push it away.
-            "transient": True,
-        }
-        return Progress(*columns, console=console, expand=True, **options)
+            transient=True,
+        )
 
     def close(self) -> None:
         """Close the bar, finished or not."""
@@ -187,6 +183,10 @@ class Stages:
         if done == total:
             self._now = None
             logging.getLogger(__name__).info("%s: %.1f s", stage, seconds - self._began)
+
+
+def _figure(value: float) -> str:
+    return f"{value:,.0f}" if abs(value) >= 1e4 else f"{value:.4g}"
 
 
 def _short(number: int) -> str:

@@ -411,11 +411,9 @@ class RunFiles:
         path = self.folder / name
         data = read_large_file(path)
         expected = self.run.outputs.get(name, self.run.inputs.get(name))
-        if hashlib.sha256(data).hexdigest() == expected:
-            return data
-        unix_data = data.replace(b"\r\n", b"\n")
-        if hashlib.sha256(unix_data).hexdigest() == expected:
-            return unix_data
+        for content in (data, data.replace(b"\r\n", b"\n")):
+            if hashlib.sha256(content).hexdigest() == expected:
+                return content
         raise ArtefactError(
             f"{path} is damaged or was changed: the SHA-256 differs from run.json. "
             "Train again, or restore a copy."

@@ -209,10 +209,10 @@ class RunFolder(Generic[P]):
         config.write(self.path)
         hashes = {name: sha256_of(self.path / name) for name in (CONFIG_FILE, *files)}
         settings = config.values()
-        for name in ("seed", "device", "threads"):
-            # A missing setting leaves the default of the record.
-            if name in settings:
-                facts[name] = settings[name]
+        # A missing setting leaves the default of the record.
+        facts |= {
+            name: settings[name] for name in ("seed", "device", "threads") if name in settings
+        }
         self._record = start_run(self.path, config.command, inputs={**inputs, **hashes}, **facts)
         # From here on the record tells that this folder is a run.
         (self.path / _BEGUN).unlink(missing_ok=True)
@@ -350,10 +350,8 @@ def new_run(
         with locked(out):
             try:
                 (out / _BEGUN).touch()
-                with first_interrupt() as interrupted:
-                    run = RunFolder(out, kind, interrupted)
-                    with _failing(run):
-                        yield run
+                with _in_training(out, kind) as run:
+                    yield run
             finally:
                 # A run that failed in its first minutes leaves nothing behind.
                 if _is_dead(out):
@@ -383,10 +381,8 @@ def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
         # Half-written files of a killed process.
         drop_temporary(folder)
         try:
-            with first_interrupt() as interrupted:
-                run = RunFolder(folder, kind, interrupted, record)
-                with _failing(run):
-                    yield run
+            with _in_training(folder, kind, record) as run:
+                yield run
         finally:
             _settle(folder)
 
@@ -424,18 +420,28 @@ def check_new_run(out: Path, *, force: bool) -> None:
 
 
 @contextmanager
-def _failing(run: RunFolder[P]) -> Iterator[None]:
-    """Record the run as failed or interrupted if an error ends this block."""
-    try:
-        yield
-    except BaseException as error:
-        # Before the first record, and before a resumed run is restored, nothing has happened yet.
-        if not run.is_live:
-            raise
-        explained = run.fail(error)
-        if explained is error:
-            raise
-        raise explained from None
+def _in_training(
+    path: Path, kind: RunKind[P], record: RunRecord | None = None
+) -> Iterator[RunFolder[P]]:
+    """Yield a run folder, and record the run as failed or interrupted if an error ends this block.
+
+    Args:
+        path: the folder, which this process has locked.
+        kind: constants of the trainer.
+        record: the run record of a resumed run.
+    """
+    with first_interrupt() as interrupted:
+        run = RunFolder(path, kind, interrupted, record)
+        try:
+            yield run
+        except BaseException as error:
+            # Before the first record, and before a resumed run is restored, nothing has happened.
+            if not run.is_live:
+                raise
+            explained = run.fail(error)
+            if explained is error:
+                raise
+            raise explained from None
 
 
 @contextmanager

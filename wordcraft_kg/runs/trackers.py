@@ -43,11 +43,9 @@ class Tracker(Protocol):
             step: number of finished epochs or steps; it only grows, also in a resumed run.
             values: metrics by name.
         """
-        ...
 
     def close(self, status: Status) -> None:
         """Close when the training is ``done``, ``interrupted`` or ``failed``."""
-        ...
 
 
 class TensorBoard:

@@ -12,12 +12,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.graph_folder import OpenedGraph, open_graph
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig, moved
 from wordcraft_kg.runs.progress import ProgressBar
-from wordcraft_kg.runs.record import RUN_FILE, RunFiles, RunRecord, read_run
+from wordcraft_kg.runs.record import RunFiles, RunRecord, read_run
 from wordcraft_kg.runs.run_folder import (
     Progress,
     RunFolder,
@@ -230,7 +230,7 @@ def begun_run(
     # Preparing may take long or fail, so an old folder is still in its place.
     training.prepare()
     kind = trainer.kind
-    with shown(progress, kind.name, kind.unit) as report, new_run(folder, kind, force=force) as run:
+    with shown(progress, kind) as report, new_run(folder, kind, force=force) as run:
         begun = {"inputs": {}, **training.begin(run, report)}
         # Hashes of graph and split belong to every run; a trainer adds its own inputs.
         inputs = {"graph": opened.graph.hash, "split": opened.split.hash, **begun.pop("inputs")}
@@ -259,7 +259,7 @@ def _resumed(
     progress: Progress | bool | None,
 ) -> Iterator[Callable[[], T]]:
     kind = training.kind
-    with shown(progress, kind.name, kind.unit) as report, resumed_run(folder, kind) as run:
+    with shown(progress, kind) as report, resumed_run(folder, kind) as run:
         checkpoint = training.restored(run)
         # The trackers of the run so far go on, even if the command does not name them again.
         everywhere = checked_trackers([*run.record.trackers, *trackers])
@@ -303,71 +303,19 @@ def _checked_settings(
     return replace(recorded, graph=config.graph, **paths)
 
 
-def train_seeds(
-    trainer: type[Training[C, P, T]],
-    configs: Mapping[int, C],
-    parent: Path,
-    *,
-    force: bool = False,
-    trackers: Iterable[Tracker | str] = (),
-    progress: Callable[[int], Progress | bool | None] = lambda seed: None,
-) -> Iterator[tuple[int, T]]:
-    """Train once per seed, in the run folders ``parent/seed-N``.
-
-    Finished runs are kept, and interrupted runs are resumed.
-
-    Args:
-        trainer: trainer class.
-        configs: settings by seed.
-        parent: folder of the run folders.
-        force: train all seeds anew.
-        trackers: metric trackers, by name or as objects.
-        progress: returns the progress callback for a seed, see :func:`train`.
-
-    Yields:
-        Each seed with the outcome, as soon as it is trained.
-
-    Raises:
-        OutputExistsError: if ``parent`` is itself a run; for other errors, see :func:`train`.
-    """
-    if (parent / RUN_FILE).exists():
-        raise OutputExistsError(
-            f"'{parent}' is a single run; several seeds need a folder for all runs. "
-            "Choose another `out`."
-        )
-    # An iterator would be empty for the second seed.
-    trackers = list(trackers)
-    for seed, config in configs.items():
-        outcome = train(
-            trainer,
-            config,
-            parent / f"seed-{seed}",
-            force=force,
-            keep=True,
-            trackers=trackers,
-            progress=progress(seed),
-        )
-        yield seed, outcome
-
-
 @contextmanager
-def shown(
-    progress: Progress | bool | None,
-    name: str,
-    unit: str,
-) -> Iterator[Progress | None]:
+def shown(progress: Progress | bool | None, kind: RunKind[Any]) -> Iterator[Progress | None]:
     """Yield a progress callback.
 
     Args:
         progress: a callback; True for a progress bar in a terminal or notebook, or lines elsewhere;
             None or False for none.
-        name: label of the bar.
-        unit: epoch or step.
+        kind: constants of the trainer, with the label of the bar and its unit.
     """
     if progress is not True:
         yield progress or None
         return
-    bar = ProgressBar(name, unit=unit)
+    bar = ProgressBar(kind.name, unit=kind.unit)
     try:
         yield bar
     finally:

@@ -26,7 +26,8 @@ three seeds, a verdict other than *undecided* is marked as provisional.
 """
 
 from collections.abc import Iterable, Sequence
-from itertools import combinations
+from functools import partial
+from itertools import chain, combinations
 from typing import Literal, NamedTuple
 
 import msgspec
@@ -138,10 +139,7 @@ def view_claims(
     """
     if claims is None:
         claims = results.study.claims
-    verdicts: list[ClaimVerdict] = []
-    for claim in claims:
-        verdicts += check_claim(results, claim)
-    return tuple(verdicts)
+    return tuple(chain.from_iterable(check_claim(results, claim) for claim in claims))
 
 
 def check_claim(results: StudyResults, claim: Claim) -> list[ClaimVerdict]:
@@ -162,16 +160,13 @@ def check_claim(results: StudyResults, claim: Claim) -> list[ClaimVerdict]:
     groups: list[tuple[Measured, ...]] = [(measured,) for measured in figures]
     if claim.expected == "varies":
         groups = [tuple(figures)] if len(figures) > 1 else []
-    entries = []
-    for group in groups:
-        verdict, why = _rule(results, claim, group)
-        entries.append(_verdict(claim, verdict, why, group))
     if not groups and not lacking:
         lacking = ["the study has no results at such points"]
-    # Many points usually lack results for the same reason, which is said once.
-    for reason in dict.fromkeys(lacking):
-        entries.append(_verdict(claim, "not run", reason, ()))
-    return entries
+    return [
+        *(_verdict(claim, *_rule(results, claim, group), group) for group in groups),
+        # Many points usually lack results for the same reason, which is said once.
+        *(_verdict(claim, "not run", reason, ()) for reason in dict.fromkeys(lacking)),
+    ]
 
 
 def _verdict(
@@ -241,11 +236,8 @@ def _sides(results: StudyResults, claim: Claim, point: Values) -> _Sides:
         left_rates = results.rates_of(runs)
         right_rates = results.rates_of(partners)
     else:
-        pairs = list(zip(runs, partners, strict=True))
-        lefts = [[_metric(claim.measure, run, partner)] for run, partner in pairs]
-        rights = [[_metric(claim.measure, partner, partner)] for partner in partners]
-        left_rates = PlayedRates(np.array(lefts), None, None)
-        right_rates = PlayedRates(np.array(rights), None, None)
+        left_rates = _metrics(claim.measure, runs, partners)
+        right_rates = _metrics(claim.measure, partners, partners)
     if not claim.right:
         level = np.full_like(left_rates.scores, claim.than)
         right_rates = left_rates._replace(scores=level)
@@ -304,18 +296,21 @@ def _check_runs(
 
 def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunResult]:
     """Return a variant's runs by seed; ConfigError without runs, with the first known reason."""
-    runs = {}
-    for run in results.runs:
-        if run.variant == variant and run.values == point:
-            runs[run.seed] = run
-    if runs:
-        return runs
-    reason = "not in the study"
-    for missing in results.missing:
-        if missing.variant == variant and missing.values == point:
-            reason = missing.why
-            break
-    raise ConfigError(f"no runs for '{variant}', {_point(point)}: {reason}")
+    place = (variant, point)
+    runs = {run.seed: run for run in results.runs if (run.variant, run.values) == place}
+    if not runs:
+        reasons = (gap.why for gap in results.missing if (gap.variant, gap.values) == place)
+        reason = next(reasons, "not in the study")
+        raise ConfigError(f"no runs for '{variant}', {_point(point)}: {reason}")
+    return runs
+
+
+def _metrics(
+    measure: Measure, runs: Sequence[RunResult], partners: Sequence[RunResult]
+) -> PlayedRates:
+    """Return a value of each run in place of success rates, shape (runs, 1)."""
+    values = list(map(partial(_metric, measure), runs, partners))
+    return PlayedRates(np.array(values)[:, None], None, None)
 
 
 def _metric(measure: Measure, run: RunResult, partner: RunResult) -> float:
@@ -324,10 +319,8 @@ def _metric(measure: Measure, run: RunResult, partner: RunResult) -> float:
         return run.terminations["same_twice"]
     if measure == "early":
         early = _EARLY * run.steps
-        distances = [abs(step - early) for step, _ in run.curve]
         # The nearest point of the curve; of two equally near ones, the earlier.
-        nearest = distances.index(min(distances))
-        _, success = run.curve[nearest]
+        _, success = min(run.curve, key=lambda point: abs(point[0] - early))
         return success
     _, end = partner.curve[-1]
     level = _REACHED * end
@@ -369,10 +362,7 @@ def _interval(claim: Claim, sides: _Sides) -> tuple[float, float, float] | tuple
 
 
 def _rule(results: StudyResults, claim: Claim, measured: Sequence[Measured]) -> tuple[Verdict, str]:
-    intervals: list[tuple[float, float]] = []
-    for at in measured:
-        if at.low is not None and at.high is not None:
-            intervals.append((at.low, at.high))
+    intervals = [(at.low, at.high) for at in measured if at.low is not None and at.high is not None]
     # A claim about several points needs an interval at each of them.
     if len(intervals) < len(measured):
         return "undecided", "one seed shows no variation between seeds"
@@ -435,13 +425,9 @@ def _varies(
     measured: Sequence[Measured],
     intervals: Sequence[tuple[float, float]],
 ) -> tuple[Verdict, str]:
-    above: list[str] = []
-    below: list[str] = []
-    for at, (low, high) in zip(measured, intervals, strict=True):
-        if low > 0:
-            above.append(_point(at.values))
-        if high < 0:
-            below.append(_point(at.values))
+    points = [_point(at.values) for at in measured]
+    above = [point for point, (low, _) in zip(points, intervals, strict=True) if low > 0]
+    below = [point for point, (_, high) in zip(points, intervals, strict=True) if high < 0]
     if above and below:
         right = claim.right or f"{claim.than:g}"
         ahead = f"{claim.left} is ahead with {'; '.join(above)}"
@@ -459,7 +445,7 @@ def _varies(
     return "undecided", "the intervals are too wide"
 
 
-def _changes(results: StudyResults, claim: Claim, one: Measured, other: Measured) -> bool:
+def _changes(results: StudyResults, claim: Claim, first: Measured, second: Measured) -> bool:
     """Return whether the difference of the sides changes significantly between two points.
 
     At points with the same tasks and seeds, trainings of the same seed are compared task by task.
@@ -467,14 +453,14 @@ def _changes(results: StudyResults, claim: Claim, one: Measured, other: Measured
     tasks have no counterparts, and too few seeds no interval: then the points' own intervals must
     be disjoint.
     """
-    first_sides = _sides(results, claim, one.values)
-    second_sides = _sides(results, claim, other.values)
+    first_sides = _sides(results, claim, first.values)
+    second_sides = _sides(results, claim, second.values)
     has_same_seeds = first_sides.seeds == second_sides.seeds
-    has_same_tasks = _tasks(results, claim, one) == _tasks(results, claim, other)
+    has_same_tasks = _tasks(results, claim, first) == _tasks(results, claim, second)
     is_paired = has_same_seeds and has_same_tasks
     if not is_paired or len(first_sides.seeds) < FEWEST_PAIRS:
-        greatest_low = max(one.low or 0, other.low or 0)
-        least_high = min(one.high or 0, other.high or 0)
+        greatest_low = max(first.low or 0, second.low or 0)
+        least_high = min(first.high or 0, second.high or 0)
         return greatest_low > least_high
     # A value that the claim names is the same at both points, and so cancels in the change.
     difference_claim = msgspec.structs.replace(claim, than=None)
@@ -491,23 +477,20 @@ def _tasks(results: StudyResults, claim: Claim, at: Measured) -> set[tuple[str, 
     return {results.tasks_of(run) for run in runs.values()}
 
 
-def in_words(claim: ClaimVerdict, measured: Measured, mark: str = "") -> str:
+def in_words(claim: ClaimVerdict, measured: Measured) -> str:
     """Format a claim's measured values as a sentence.
 
     Args:
         claim: the claim, with its sides and its measure.
         measured: values of one grid point of the claim.
-        mark: text before and after the name of each variant, such as ``*`` in Markdown.
 
     Returns:
         Both sides, the difference with its interval, and the numbers of seeds, tasks and groups.
     """
     left, right = claim.sides
     # A value that the claim names has no measurement of its own beside it.
-    opponent = right
-    if not claim.is_value:
-        opponent = f"{mark}{right}{mark} {share(measured.right)}"
-    sides = f"{mark}{left}{mark} {share(measured.left)} against {opponent}"
+    opponent = right if claim.is_value else f"{right} {share(measured.right)}"
+    sides = f"{left} {share(measured.left)} against {opponent}"
     difference = signed(measured.difference)
     # A single seed has no interval.
     if measured.low is not None:

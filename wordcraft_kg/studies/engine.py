@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal
 
@@ -218,21 +219,18 @@ def missing_tasks(plan: Plan, root: Path) -> list[Task]:
         plan: the study.
         root: results folder, which may be missing.
     """
-    missing: dict[str, Task] = {}
-    for address, task in plan.tasks.items():
-        if not _passes(is_done, task, root):
-            missing[address] = task
+    missing = {task.address for task in plan.tasks.values() if not _passes(is_done, task, root)}
     # Scorers first: a damaged scorer is trained again, and so needs a whole graph.
     for kind in ("scorers", "graphs"):
-        inputs: set[str] = set()
-        for task in missing.values():
-            inputs.update(task.needs)
-        for address in inputs - missing.keys():
-            task = plan.tasks[address]
-            if task.kind == kind and not _passes(check_whole, task, root):
-                missing[address] = task
+        needs = chain.from_iterable(plan.tasks[address].needs for address in missing)
+        inputs = [plan.tasks[address] for address in set(needs) - missing]
+        missing |= {
+            task.address
+            for task in inputs
+            if task.kind == kind and not _passes(check_whole, task, root)
+        }
     # In the order of the plan, which has the first seeds of all variants first.
-    return [task for address, task in plan.tasks.items() if address in missing]
+    return [task for task in plan.tasks.values() if task.address in missing]
 
 
 def _passes(check: Callable[[Task, Path], bool], task: Task, root: Path) -> bool:
@@ -245,16 +243,13 @@ def _passes(check: Callable[[Task, Path], bool], task: Task, root: Path) -> bool
 
 def _ready(wave: Sequence[Task], plan: Plan, state: StudyProgress) -> list[Task]:
     """Return the tasks whose inputs are there, and note the others as failed."""
-    ready = []
     for task in wave:
-        broken = [address for address in task.needs if address in state.failed]
-        if not broken:
-            ready.append(task)
-            continue
-        # Named as failed, too: otherwise the study would seem to wait for them.
-        reason = f"{plan.tasks[broken[0]].title} failed: {state.failed[broken[0]].error}"
-        state.failed[task.address] = Outcome(task.address, "failed", reason)
-    return ready
+        for address in task.needs:
+            if address in state.failed:
+                # Named as failed, too: otherwise the study would seem to wait for them.
+                reason = f"{plan.tasks[address].title} failed: {state.failed[address].error}"
+                state.failed[task.address] = Outcome(task.address, "failed", reason)
+    return [task for task in wave if task.address not in state.failed]
 
 
 def _outcomes(

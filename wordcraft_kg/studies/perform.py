@@ -27,6 +27,7 @@ from wordcraft_kg.graphs import (
 from wordcraft_kg.runs.config_file import RunConfig
 from wordcraft_kg.runs.record import RunFiles, package_versions, read_run
 from wordcraft_kg.runs.run_folder import locked
+from wordcraft_kg.runs.training import Training, train
 from wordcraft_kg.studies.plan import Kind, Outcome, Task, agent_config, content_of, scorer_config
 from wordcraft_kg.studies.results import (
     METRICS_FILE,
@@ -40,10 +41,9 @@ from wordcraft_kg.studies.study import PLAYER
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.players import Player
-    from wordcraft_kg.runs.training import Training
 
 T = TypeVar("T")
-METRICS: dict[Kind, type[TaskMetrics]] = {
+METRICS: dict[Kind, type[TaskMetrics | RunMetrics]] = {
     "graphs": TaskMetrics,
     "scorers": ScorerMetrics,
     "runs": RunMetrics,
@@ -171,13 +171,11 @@ def _is_disk_full(error: BaseException | None) -> bool:
     return False
 
 
-def _trained(trainer: "type[Training[Any, Any, T]]", config: RunConfig, folder: Path) -> T:
+def _trained(trainer: type[Training[Any, Any, T]], config: RunConfig, folder: Path) -> T:
     """Train, resume, or return the finished training.
 
     A training whose files or inputs have changed starts anew.
     """
-    from wordcraft_kg.runs.training import train
-
     with suppress(ArtefactError):
         begun_with = read_run(folder).inputs
         inputs = trainer.input_hashes(config)
@@ -276,11 +274,8 @@ def _run_metrics(folder: Path, opened: OpenedGraph) -> RunMetrics:
     part: TaskPart = "test" if "test" in summary.success else "train"
     lines = read_metrics(files.bytes("metrics.jsonl"), folder / "metrics.jsonl")
     name = f"{part}_success"
-    curve = []
-    for row in lines:
-        if name in row.figures:
-            # Five digits hold a share of all tasks, and keep studies with many points small.
-            curve.append((row.step, round(row.figures[name], 5)))
+    # Five digits hold a share of all tasks, and keep studies with many points small.
+    curve = [(row.step, round(row.figures[name], 5)) for row in lines if name in row.figures]
     distractor_seeds = summary.success[part].distractor_seeds
     played = [task for task in read_episodes(folder) if task.part == part]
     return RunMetrics(
@@ -332,18 +327,16 @@ def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -
     from wordcraft_kg.models.scorers.features import glove_features
 
     opened = open_graph(graph)
-    graph_of_book = opened.graph
-
-    def make(recipes):  # type: ignore[no-untyped-def]
-        if name == "kernel":
-            return KernelScorer(
-                graph_of_book, recipes, glove_features(graph_of_book.entities).vectors
-            )
-        kind = SymbolicScorer if name == "facts" else NeighbourScorer
-        return kind(graph_of_book, recipe_triples(recipes))
-
+    book = opened.graph
+    make: Any = {
+        "kernel": lambda recipes: KernelScorer(
+            book, recipes, glove_features(book.entities).vectors
+        ),
+        "facts": lambda recipes: SymbolicScorer(book, recipe_triples(recipes)),
+        "neighbours": lambda recipes: NeighbourScorer(book, recipe_triples(recipes)),
+    }[name]
     is_full = settings.get("kg", "partial") == "full"
-    scorer = make(graph_of_book.recipes) if is_full else cross_fit(opened.split, make)
+    scorer = make(book.recipes) if is_full else cross_fit(opened.split, make)
     save_scorer(folder, scorer, opened, kg="full" if is_full else "partial", origin=name)
 
 

@@ -7,7 +7,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -39,17 +39,18 @@ from wordcraft_kg.graphs import (
     make_split,
     open_book,
 )
-from wordcraft_kg.models.links.link_config import CONFIGS
 from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.recipes.recipe_config import RecipeScorerConfig
 from wordcraft_kg.models.scorers.features import ENCODED, named
 from wordcraft_kg.studies.study import (
     OF_AGENT,
     OF_GRAPH,
+    PARTS_OF_AGENT,
     PLAYER,
     PLAYERS_WITH_SCORER,
     SCORER,
     SCORER_SETTINGS,
+    TRAINED_SCORERS,
     Study,
     StudyCell,
     Value,
@@ -133,7 +134,6 @@ NOISE_VERSION = 2
 BOOK = "everyday"
 _CURVE_POINTS = 20
 """Points in a learning curve; each takes about as long as 10,000 steps."""
-CONFIG_OF = {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}
 _IN_STUDIES: dict[type, dict[str, Any]] = {
     RecipeScorerConfig: {"features": "glove"},
     PolicyConfig: {
@@ -145,7 +145,6 @@ _IN_STUDIES: dict[type, dict[str, Any]] = {
 
 So earlier results keep their addresses: without a preset, a study trains with the paper's.
 """
-_PART_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}
 
 
 def defaults_of(kind: type) -> dict[str, Any]:
@@ -159,19 +158,18 @@ def scorer_config(command: str, settings: Mapping[str, Any]) -> Any:
     """Return a scorer's configuration from settings of an address, without `_IN_STUDIES`.
 
     Args:
-        command: command that trains the scorer, a key of :data:`CONFIG_OF`.
+        command: command that trains the scorer, a key of :data:`TRAINED_SCORERS`.
         settings: the settings that are not at their default.
 
     Raises:
         ConfigError: if a setting is out of range, or does not fit another.
     """
-    kind = CONFIG_OF[command]
-    left_out = _IN_STUDIES.get(kind, {})
-    return kind(**{**left_out, **settings})
+    kind = TRAINED_SCORERS[command]
+    return kind(**{**_IN_STUDIES.get(kind, {}), **settings})
 
 
 DEFAULTS_OF_AGENT: dict[str, Any] = {}
-for _kind in _PART_OF_AGENT.values():
+for _kind in PARTS_OF_AGENT.values():
     DEFAULTS_OF_AGENT |= defaults_of(_kind)
 DEFAULTS_OF_GRAPH = {
     name: {"book": BOOK, **defaults_of(SplitConfig)}[field] for name, field in OF_GRAPH.items()
@@ -239,7 +237,7 @@ def make_plan(study: Study, name: str) -> Plan:
     # First seeds for all variants first: an interrupted study has results for each variant.
     order = sorted(range(len(cells)), key=lambda number: cells[number].seed)
     runs = {number: planner.run(cells[number]) for number in order}
-    _refuse_equal(cells, runs)
+    _refuse_equal(study, cells, runs)
     return Plan(
         name=name,
         study=study,
@@ -250,16 +248,14 @@ def make_plan(study: Study, name: str) -> Plan:
     )
 
 
-def _refuse_equal(cells: Sequence[StudyCell], runs: Mapping[int, str]) -> None:
+def _refuse_equal(study: Study, cells: Sequence[StudyCell], runs: Mapping[int, str]) -> None:
     """Refuse variants that say the same in other words, such as a default.
 
     All their differences would be 0.
     """
-    by_variant: dict[str, list[str]] = {}
-    for number, cell in enumerate(cells):
-        by_variant.setdefault(cell.variant, []).append(runs[number])
     names: dict[tuple[str, ...], str] = {}
-    for name, addresses in by_variant.items():
+    for name in study.variants:
+        addresses = (runs[number] for number, cell in enumerate(cells) if cell.variant == name)
         twin = names.setdefault(tuple(addresses), name)
         if twin != name:
             raise ConfigError(
@@ -272,9 +268,10 @@ class _Planner:
         self.study = study
         self.tasks: dict[str, Task] = {}
         self.books: dict[str, str] = {}
-        self._graphs: dict[str, RecipeGraph] = {}
         self._made: dict[str, str] = {}
-        self._contents: dict[str, dict[str, str]] = {}
+        # Books and files of vectors are large, and many cells share them.
+        self._book_graph = cache(_book_graph)
+        self._content = cache(content_of)
 
     def run(self, cell: StudyCell) -> str:
         try:
@@ -301,10 +298,7 @@ class _Planner:
 
     def _make_graph(self, book: str, given: Values) -> str:
         """Return the address of a new graph; ``given`` has the study's graph settings."""
-        # Reading a book and checking its recipes takes seconds; its splits share one graph.
-        if book not in self._graphs:
-            self._graphs[book] = RecipeGraph.from_book(open_book(book))
-        graph = self._graphs[book]
+        graph = self._book_graph(book)
         # An impossible split fails here; a book too small for the default split has none.
         has_split = bool(given.keys() - {"book"})
         split = make_split(graph, split_of(given)) if has_split else default_split(graph)
@@ -332,10 +326,11 @@ class _Planner:
         if name is None:
             return None
         prefix = f"{SCORER}."
-        settings = dict(self.study.scorers[str(name)])
-        for key, value in cell.settings.items():
-            if key.startswith(prefix):
-                settings[key.removeprefix(prefix)] = value
+        settings = self.study.scorers[str(name)] | {
+            key.removeprefix(prefix): value
+            for key, value in cell.settings.items()
+            if key.startswith(prefix)
+        }
         command = str(settings.pop("command"))
         unknown = settings.keys() - SCORER_SETTINGS[command]
         if unknown:
@@ -349,22 +344,22 @@ class _Planner:
             return None
         threads = 1
         device = "cpu"
-        if command not in CONFIG_OF:
+        if command not in TRAINED_SCORERS:
             one_of("kg", settings.get("kg", "partial"), ("partial", "full"))
             # The default is left out, as for trained scorers.
             settings = {name: value for name, value in settings.items() if value != "partial"}
         else:
-            _check_kinds(settings, defaults_of(CONFIG_OF[command]))
+            _check_kinds(settings, defaults_of(TRAINED_SCORERS[command]))
             # Each agent gets a scorer of its own seed, so intervals cover both trainings.
             settings.setdefault("seed", cell.seed)
             if command == RecipeScorerConfig.command:
                 # The default vectors depend on the book's language, so the address names them.
-                labels = self._graphs[self.books[graph]].entities
+                labels = self._book_graph(self.books[graph]).entities
                 settings.setdefault("features", named(RecipeScorerConfig.features, labels))
             config = scorer_config(command, settings)
             threads = config.threads
             device = config.device
-            settings = _not_default(settings, CONFIG_OF[command])
+            settings = _not_default(settings, TRAINED_SCORERS[command])
         described: dict[str, Any] = {"graph": graph, "command": command, "settings": settings}
         described |= self._content(settings.get("features"))
         if command in SCORER_VERSIONS:
@@ -380,10 +375,12 @@ class _Planner:
             return self._player(cell, graph, scorer)
         # A scorer that learns from nothing leaves its agent without settings for knowledge.
         is_without_knowledge = scorer is None and SCORER in cell.settings
-        agent_settings: dict[str, Any] = {}
-        for name, value in cell.settings.items():
-            if name in OF_AGENT and not (is_without_knowledge and name in KNOWLEDGE_SETTINGS):
-                agent_settings[name] = value
+        unused = KNOWLEDGE_SETTINGS if is_without_knowledge else ()
+        agent_settings: dict[str, Any] = {
+            name: value
+            for name, value in cell.settings.items()
+            if name in OF_AGENT and name not in unused
+        }
         agent_settings["seed"] = cell.seed
         # Curves of all lengths have as many points, so that their files stay small.
         if "eval_every" not in agent_settings:
@@ -400,7 +397,7 @@ class _Planner:
         agent_settings["scorer_cost"] = cost if has_cost else 0.0
         settings: dict[str, Any] = {}
         # Without defaults: a study that names one has the address of a study that does not.
-        for kind in _PART_OF_AGENT.values():
+        for kind in PARTS_OF_AGENT.values():
             settings |= _not_default(agent_settings, kind)
         if config.trainer.preset != "paper":
             # The paper's values, left out above, are not those of another preset.
@@ -432,7 +429,7 @@ class _Planner:
         player = settings[PLAYER]
         if player in PLAYERS_WITH_SCORER:
             command = None if scorer is None else self.tasks[scorer].settings["command"]
-            has_pairs_only = self._graphs[self.books[graph]].has_pairs_only
+            has_pairs_only = self._book_graph(self.books[graph]).has_pairs_only
             if command != RecipeScorerConfig.command or not has_pairs_only:
                 raise ConfigError(
                     f"player '{player}' plays a book of pairs by a recipe scorer; give it a scorer "
@@ -443,12 +440,9 @@ class _Planner:
                 f"player '{player}' learns nothing, so its features cannot be '{LEARNED}'."
             )
 
-    def _content(self, features: Value | None) -> dict[str, str]:
-        """Return :func:`content_of`; files are large, and many cells share them."""
-        key = str(features)
-        if key not in self._contents:
-            self._contents[key] = content_of(features)
-        return self._contents[key]
+
+def _book_graph(book: str) -> RecipeGraph:
+    return RecipeGraph.from_book(open_book(book))
 
 
 def _recorded(plugins: dict[str, str]) -> dict[str, Any]:
@@ -502,12 +496,9 @@ def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) ->
     if settings["preset"] == "paper":
         settings = {**_IN_STUDIES[PolicyConfig], **settings}
     parts: dict[str, Any] = {}
-    for part, kind in _PART_OF_AGENT.items():
-        part_settings = {}
-        for field in fields(kind):
-            if field.name in settings:
-                part_settings[field.name] = settings[field.name]
-        parts[part] = kind(**part_settings)
+    for part, kind in PARTS_OF_AGENT.items():
+        names = {field.name for field in fields(kind)} & settings.keys()
+        parts[part] = kind(**{name: settings[name] for name in names})
     return replace(AgentConfig(graph, scorer), **parts)
 
 
@@ -529,11 +520,11 @@ def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> No
 
 def _not_default(settings: Mapping[str, Any], kind: type) -> dict[str, Any]:
     """Return the settings that are not at their default, in the order of the class."""
-    differing: dict[str, Any] = {}
-    for name, default in defaults_of(kind).items():
-        if name in settings and settings[name] != default:
-            differing[name] = settings[name]
-    return differing
+    return {
+        name: settings[name]
+        for name, default in defaults_of(kind).items()
+        if name in settings and settings[name] != default
+    }
 
 
 def _values(values: Mapping[str, Any]) -> str:

@@ -1,7 +1,6 @@
 """A study report: tables, page and pictures from a study's summarised results."""
 
-import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby
 from operator import attrgetter
@@ -13,13 +12,13 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.charts import Chart
 from wordcraft_kg.reports.pages import Report, write_report
-from wordcraft_kg.studies.claims import ClaimVerdict, in_words
+from wordcraft_kg.studies.claims import in_words
+from wordcraft_kg.studies.study import title_of
 from wordcraft_kg.studies.view import (
     Interval,
     PointMetrics,
     StudyView,
     VariantMetrics,
-    title_of,
 )
 
 
@@ -48,26 +47,23 @@ def tables_of(view: StudyView) -> list[StudyTable]:
     A column without text at all points is left out of all tables, so that tables stay comparable.
     """
     entries = _entries(view)
-    headings = []
-    texts = []
-    for heading, text in _COLUMNS:
-        if any(text(entry) for entry in entries):
-            headings.append(heading.replace(_RESAMPLED, "[splits]") if view.vary_split else heading)
-            texts.append(text)
-    tables = []
-    for point in view.points:
-        rows = []
-        for entry in point.variants:
-            rows.append(tuple(text(entry) for text in texts))
-        tables.append(StudyTable(point.title, tuple(headings), tuple(rows)))
-    return tables
+    columns = [(heading, text) for heading, text in _COLUMNS if any(map(text, entries))]
+    over = "[splits]" if view.vary_split else _RESAMPLED
+    headings = tuple(heading.replace(_RESAMPLED, over) for heading, _ in columns)
+
+    def row(entry: VariantMetrics) -> tuple[str, ...]:
+        return tuple(text(entry) for _, text in columns)
+
+    return [
+        StudyTable(point.title, headings, tuple(map(row, point.variants))) for point in view.points
+    ]
 
 
 def _entries(view: StudyView) -> list[VariantMetrics]:
     return list(chain.from_iterable(point.variants for point in view.points))
 
 
-def with_bounds(value: float, interval: Interval | None, form: str = ".3f") -> str:
+def with_bounds(value: float, interval: Interval | None, form: str = "z.3f") -> str:
     """Format a value with its interval bounds, such as ``0.500 [0.400, 0.610]``.
 
     Args:
@@ -79,8 +75,8 @@ def with_bounds(value: float, interval: Interval | None, form: str = ".3f") -> s
     return f"{shown} {bounds(interval, form)}" if interval else shown
 
 
-def bounds(interval: Interval | None, form: str = ".3f") -> str:
-    """Format interval bounds by a format specification such as ".3f"; empty for None."""
+def bounds(interval: Interval | None, form: str = "z.3f") -> str:
+    """Format interval bounds by a format specification such as "z.3f"; empty for None."""
     if interval is None:
         return ""
     low, high = interval
@@ -88,21 +84,24 @@ def bounds(interval: Interval | None, form: str = ".3f") -> str:
 
 
 def signed(value: float, form: str) -> str:
-    """Format a number with a true minus sign, and a rounded 0 without sign."""
-    text = format(value, form)
-    is_zero = not re.search("[1-9]", text)
-    if is_zero:
-        sign = "+" if "+" in form else ""
-        text = text.replace("-", sign)
-    return text.replace("-", "−")
+    """Format a number with a true minus sign; with z in the form, a rounded 0 has none."""
+    return format(value, form).replace("-", "−")
+
+
+def p_value_of(at: VariantMetrics) -> str:
+    """Format the corrected p-value of the difference to the reference; empty without one."""
+    if at.comparison is None:
+        return ""
+    p = at.comparison.p_corrected
+    if p is None:
+        return "–"
+    return "<.001" if p < 0.001 else f"{p:.2g}"
 
 
 def _mrr(at: VariantMetrics) -> str:
     if at.mrr is None or at.mrr_range is None:
         return ""
-    lowest, highest = at.mrr_range
-    low = f"{lowest:.3f}"
-    high = f"{highest:.3f}"
+    low, high = (f"{end:.3f}" for end in at.mrr_range)
     # Variants often share one scorer: then there is no range to show.
     shown_range = "" if low == high else f" ({low}–{high})"
     return f"{at.mrr:.3f}{shown_range}"
@@ -118,10 +117,11 @@ def _reached(at: VariantMetrics) -> str:
     return _amount(at.reached) + ends
 
 
-def _difference(at: VariantMetrics) -> str:
+def difference_of(at: VariantMetrics) -> str:
+    """Format the difference to the reference with its interval; empty without one."""
     if at.comparison is None:
         return ""
-    return with_bounds(at.comparison.difference, at.comparison.interval, "+.3f")
+    return with_bounds(at.comparison.difference, at.comparison.interval, "+z.3f")
 
 
 def _amount(steps: int | None) -> str:
@@ -135,10 +135,10 @@ _COLUMNS: tuple[_Column, ...] = (
     ("seeds", lambda at: str(len(at.seeds))),
     (f"success {_RESAMPLED}", lambda at: with_bounds(at.mean, at.interval)),
     ("success [seeds]", lambda at: bounds(at.seed_interval)),
-    (f"difference {_RESAMPLED}", _difference),
+    (f"difference {_RESAMPLED}", difference_of),
     ("train", lambda at: "" if at.train is None else f"{at.train:.3f}"),
     ("MRR", _mrr),
-    ("p", lambda at: _p_value(at.comparison.p_corrected) if at.comparison else ""),
+    ("p", p_value_of),
     ("reached after", _reached),
 )
 
@@ -235,73 +235,6 @@ def _values(point: PointMetrics, at: VariantMetrics, grid: Sequence[str]) -> dic
     }
 
 
-def lines_of(view: StudyView) -> Iterator[str]:
-    """Yield the success of each agent at each grid point, and verdicts on claims, as text."""
-    yield f"{view.title}: success on test tasks"
-    for point in view.points:
-        yield from _lines_of_point(point)
-    yield f"intervals: 95 % over {view.resampled}{_compared(view)}"
-    yield from _lines_of_claims(view.claims)
-    if view.missing:
-        first = view.missing[0]
-        number = counted(len(view.missing), "training")
-        training = f"{first.variant}, seed {first.seed}"
-        yield f"{number} without results; the first, {training}: {first.why}"
-
-
-def _compared(view: StudyView) -> str:
-    if not view.comparisons:
-        return ""
-    of = "of the comparison"
-    if view.comparisons > 1:
-        of = f"of {view.comparisons} comparisons, corrected by Holm"
-    return f"; differences to {view.reference}; p {of}"
-
-
-def _lines_of_claims(claims: Sequence[ClaimVerdict]) -> Iterator[str]:
-    if not claims:
-        return
-    yield "claims"
-    width = max(len(claim.verdict) for claim in claims)
-    indent = "".ljust(width)
-    for claim in claims:
-        yield f"  {claim.verdict:<{width}}  {claim.text}"
-        for measured in claim.measured:
-            yield f"  {indent}  {title_of(measured.values)}: {in_words(claim, measured)}"
-
-
-def _lines_of_point(point: PointMetrics) -> Iterator[str]:
-    facts = []
-    # Without a grid, the title of the point already names the graphs.
-    if point.values:
-        facts = [f"{graph.name}, {graph.kind}" for graph in point.graphs]
-    # Splits of one graph and kind are named once.
-    facts = list(dict.fromkeys(facts))
-    facts.append(counted(point.tasks, "test task"))
-    yield f"{point.title} ({'; '.join(facts)})"
-    # Columns of one width for all variants.
-    names = [entry.variant for entry in point.variants]
-    values = [with_bounds(entry.mean, entry.interval) for entry in point.variants]
-    width = max(map(len, names))
-    longest = max(map(len, values))
-    for entry, value in zip(point.variants, values, strict=True):
-        name = f"{entry.variant:<{width}}"
-        seeds = counted(len(entry.seeds), "seed")
-        yield f"  {name}  {value:<{longest}}  {seeds}{_comparison(entry)}".rstrip()
-
-
-def _p_value(p: float | None) -> str:
-    if p is None:
-        return "–"
-    return "<.001" if p < 0.001 else f"{p:.2g}"
-
-
-def _comparison(entry: VariantMetrics) -> str:
-    if entry.comparison is None:
-        return ""
-    return f"  {_difference(entry)}  p {_p_value(entry.comparison.p_corrected)}"
-
-
 _SUCCESS = "greedy success on test tasks"
 
 
@@ -333,10 +266,11 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
     """
     # A claim has one verdict for each grid point, all in a row: the page prints its text once.
     claims = [list(verdicts) for _, verdicts in groupby(view.claims, key=attrgetter("text"))]
+    panels = panels_of(view)
     return Report(
         view,
         "wordcraft_kg.studies/study_report.html.j2",
-        {"panels": panels_of(view)},
+        {"panels": panels},
         # Functions too: the template formats a value where it is printed.
         shown={
             "tables": tables_of(view),
@@ -348,15 +282,10 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
         },
         files={
             "table.csv": as_csv(view),
-            "figure.svg": study_figure(view),
-            "figure.pdf": charts.as_pdf(list(panels_of(view).items()), view.title),
+            "figure.svg": charts.as_file(list(panels.items()), view.title),
+            "figure.pdf": charts.as_pdf(list(panels.items()), view.title),
         },
     )
-
-
-def study_figure(view: StudyView) -> str:
-    """Return a study's picture as the text of an SVG file, with a chart for each grid point."""
-    return charts.as_file(list(panels_of(view).items()), view.title)
 
 
 def panels_of(view: StudyView) -> dict[str, Chart]:
@@ -397,17 +326,12 @@ def _curves(view: StudyView, point: PointMetrics) -> Chart:
 
 def _bars(view: StudyView, point: PointMetrics) -> Chart:
     """Draw the final success of each variant, with its interval and a line for the reference."""
-    # A point where the reference has no runs has no line.
-    reference = None
-    rows = []
-    for entry in point.variants:
-        rows.append((entry.variant, (entry.mean, *entry.interval)))
-        if entry.variant == view.reference:
-            reference = entry.mean
+    means = {entry.variant: entry.mean for entry in point.variants}
     return charts.intervals(
-        rows,
+        [(entry.variant, (entry.mean, *entry.interval)) for entry in point.variants],
         f"success on test tasks, 95 % over {view.resampled}",
         f"Success of each variant, {point.title}",
-        reference=reference,
+        # A point where the reference has no runs has no line.
+        reference=means.get(view.reference),
         percent=True,
     )

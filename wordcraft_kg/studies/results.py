@@ -15,16 +15,15 @@ import hashlib
 import json
 import logging
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import fields
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
-import pandas as pd
-from msgspec import structs
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.agent_config import TaskConfig
@@ -46,7 +45,8 @@ from wordcraft_kg.base import (
 from wordcraft_kg.base.artefacts import locked
 from wordcraft_kg.envs.draws import MOST_TASKS, distance_of
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import Ids, OpenedGraph, PlayedGraph, open_graph
+from wordcraft_kg.envs.world_config import WordCraftConfig
+from wordcraft_kg.graphs import OpenedGraph, PlayedGraph, open_graph
 from wordcraft_kg.studies.plan import Plan
 from wordcraft_kg.studies.study import Study, StudyCell, Values
 
@@ -84,45 +84,58 @@ _ROUNDING = 1e-6
 """Shares are stored with six digits."""
 
 
-def check_played(figures: "RunResult | RunMetrics") -> None:
-    """Check that success and the share of episodes that end with the goal follow from ``won``.
+class Performance(Record, frozen=True, kw_only=True):
+    """Success of an agent or a player, and the effort of its training.
 
-    Everything else needs the agent or its scorer, and cannot be computed again.
-
-    Raises:
-        ValueError: for results that contradict ``won``.
+    Attributes:
+        success: greedy success rate by split part.
+        by_plan: success rate by one of the task's plans, by split part; at most ``success``.
+        terminations: share of test episodes by the reason of their end.
+        won: number of successes among ``distractor_seeds`` episodes, a digit for each test task.
+        distractor_seeds: episodes of each test task, with other distractors each.
+        curve: success on test tasks during training, with five digits.
+        steps: environment steps of the training.
+        seconds: training time.
+        steps_per_second: environment steps per second of acting and learning, without evaluation.
     """
-    successes = [int(digit) for digit in figures.won]
-    tables = figures.distractor_seeds
-    if not tables or max(successes) > tables:
-        raise ValueError(
-            f"`won` has {max(successes)} successes of a task; expected at most `distractor_seeds` "
-            f"{tables}"
-        )
-    # Each task has the same number of episodes, so the mean over tasks is that over episodes.
-    episodes = len(successes) * tables
-    rate = sum(successes) / episodes
-    part = _part_of(figures.success)
-    _check_rate(f"success.{part}", figures.success[part], rate)
-    # Results may leave the reasons out, but not contradict `won` with them.
-    if figures.terminations:
-        _check_rate("terminations.goal", figures.terminations.get("goal", 0.0), rate)
+
+    success: dict[str, Share]
+    by_plan: dict[str, Share]
+    terminations: dict[str, Share]
+    won: Won
+    distractor_seeds: Count
+    curve: Curve
+    steps: Count
+    seconds: Annotated[float, msgspec.Meta(ge=0)]
+    steps_per_second: Count
+
+    def __post_init__(self) -> None:
+        """Check that success and the share of episodes that end with the goal follow from ``won``.
+
+        Everything else needs the agent or its scorer, and cannot be computed again.
+        """
+        successes = [int(digit) for digit in self.won]
+        tables = self.distractor_seeds
+        if not tables or max(successes) > tables:
+            raise ValueError(
+                f"`won` has {max(successes)} successes of a task; expected at most "
+                f"`distractor_seeds` {tables}"
+            )
+        part = "test" if "test" in self.success else "train"
+        if part not in self.success:
+            raise ValueError("`success` has neither test nor train tasks")
+        claimed = {f"success.{part}": self.success[part]}
+        # Results may leave the reasons out, but not contradict `won` with them.
+        if self.terminations:
+            claimed["terminations.goal"] = self.terminations.get("goal", 0.0)
+        # Each task has the same number of episodes, so the mean over tasks is that over episodes.
+        rate = sum(successes) / (len(successes) * tables)
+        for name, share in claimed.items():
+            if abs(share - rate) > _ROUNDING:
+                raise ValueError(f"`{name}` is {share:g}, but `won` gives {rate:g}")
 
 
-def _check_rate(name: str, claimed: float, rate: float) -> None:
-    if abs(claimed - rate) > _ROUNDING:
-        raise ValueError(f"`{name}` is {claimed:g}, but `won` gives {rate:g}")
-
-
-def _part_of(success: Mapping[str, float]) -> str:
-    """Return the part of the tasks in ``won``: test, or train in a graph without test tasks."""
-    part = "test" if "test" in success else "train"
-    if part not in success:
-        raise ValueError("`success` has neither test nor train tasks")
-    return part
-
-
-class RunResult(Record, frozen=True):
+class RunResult(Performance, frozen=True):
     """Results of one agent training in a study.
 
     Attributes:
@@ -131,19 +144,10 @@ class RunResult(Record, frozen=True):
         seed: seed of the agent.
         run: run folder in the results folder, named by a settings hash.
         graph: position in :attr:`StudyResults.graphs`.
-        success: greedy success rate by split part.
-        by_plan: success rate by one of the task's plans, by split part; at most ``success``.
-        terminations: share of test episodes by the reason of their end.
-        won: number of successes among ``distractor_seeds`` episodes, a digit for each test task.
-        distractor_seeds: episodes of each test task, with other distractors each.
-        curve: success on test tasks during training.
         mrr: the scorer's leak-free MRR on test triples; None without a scorer, or if the scorer has
             seen these triples.
-        steps: environment steps of the training.
-        seconds: training time.
-        steps_per_second: environment steps per second of acting and learning, without evaluation.
         origin: position in :attr:`StudyResults.origins`.
-        groups: position in :attr:`StudyResults.groups`; None in results of earlier versions.
+        groups: position in :attr:`StudyResults.groups`; None if the graph's folder was removed.
     """
 
     variant: str
@@ -151,21 +155,12 @@ class RunResult(Record, frozen=True):
     seed: int
     run: str
     graph: int
-    success: dict[str, Share]
-    by_plan: dict[str, Share]
-    terminations: dict[str, Share]
-    won: Won
-    distractor_seeds: Count
-    curve: Curve
     mrr: Share | None
-    steps: Count
-    seconds: Annotated[float, msgspec.Meta(ge=0)]
-    steps_per_second: Count
     origin: Count = 0
     groups: Count | None = None
 
     def __post_init__(self) -> None:
-        check_played(self)
+        super().__post_init__()
         if "test" not in self.success or "test" not in self.by_plan:
             raise ValueError("`success` and `by_plan` lack test tasks")
 
@@ -307,11 +302,11 @@ def results_text(results: StudyResults) -> str:
 
 
 METRICS_FILE = "figures.json"
-F = TypeVar("F", bound="TaskMetrics")
+F = TypeVar("F", bound=Record)
 
 
 class TaskMetrics(Record, frozen=True, kw_only=True):
-    """Results of a graph, a scorer or a run (``figures.json``).
+    """Results of a graph or a scorer (``figures.json``).
 
     Attributes:
         seconds: duration; 0 for a graph.
@@ -337,36 +332,21 @@ class ScorerMetrics(TaskMetrics, frozen=True, kw_only=True):
     kg: str
 
 
-class RunMetrics(TaskMetrics, frozen=True, kw_only=True):
-    """Results of training an agent, as in :class:`RunResult`.
+class RunMetrics(Performance, frozen=True, kw_only=True):
+    """Results of training an agent.
 
     Attributes:
+        versions: package versions.
+        platform: system, machine, and instruction set or GPU.
         graph: graph and split that the agent was trained and evaluated on.
-        success: greedy success rate by split part.
-        by_plan: success rate by one of the task's plans, by split part.
-        terminations: share of test episodes by the reason of their end.
-        won: number of successes, a digit for each test task.
-        distractor_seeds: episodes of each test task.
-        curve: success on test tasks during training, with five digits.
-        steps: environment steps.
-        steps_per_second: environment steps per second of acting and learning.
     """
 
+    versions: dict[str, str]
+    platform: str = ""
     graph: PlayedGraph
-    success: dict[str, Share]
-    by_plan: dict[str, Share]
-    terminations: dict[str, Share]
-    won: Won
-    distractor_seeds: Count
-    curve: Curve
-    steps: Count
-    steps_per_second: Count
-
-    def __post_init__(self) -> None:
-        check_played(self)
 
 
-def write_metrics(folder: Path, figures: TaskMetrics) -> None:
+def write_metrics(folder: Path, figures: TaskMetrics | RunMetrics) -> None:
     """Write a task's results with a hash to ``figures.json`` in the task's folder.
 
     The file marks the task as done.
@@ -414,83 +394,8 @@ def hash_of(values: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-class PlayedTasks:
-    """The test tasks of a study's agents, found once for all agents that play the same."""
-
-    def __init__(self, open_address: Callable[[str], OpenedGraph]):
-        """Find tasks with a function that opens the graph of an address.
-
-        An address is, for example, ``graphs/2f65aebd52224b51``.
-        """
-        self._open = open_address
-        self._opened: dict[str, OpenedGraph] = {}
-        self._groups: dict[tuple[str, int, str], Ids] = {}
-
-    def groups(self, address: str, settings: Mapping[str, Any]) -> Ids:
-        """Return the resampling group of each test task of an agent, shape (K,).
-
-        Groups are numbered by first appearance.
-
-        Args:
-            address: address of the agent's graph.
-            settings: settings of a cell or a task, of which only task settings matter.
-
-        Raises:
-            TaskError: if the graph has no test tasks with these settings.
-            ConfigError: if a task setting is out of range.
-            ArtefactError, RecipeFileError: if the graph cannot be opened.
-        """
-        task_settings = {}
-        for field in fields(TaskConfig):
-            if field.name in settings:
-                task_settings[field.name] = settings[field.name]
-        config = TaskConfig(**task_settings).environment("test")
-        key = address, config.depth, config.task_weighting
-        if key not in self._groups:
-            every = World(self._graph(address), config).groups
-            # Of very many tasks, an even sample is played.
-            step = distance_of(len(every), MOST_TASKS)
-            self._groups[key], _ = pd.factorize(every[::step])
-        return self._groups[key]
-
-    def check(
-        self,
-        figures: RunMetrics,
-        address: str,
-        settings: Mapping[str, Any],
-        where: Path | str,
-    ) -> None:
-        """Check that an agent's results are of its graph, its split and its test tasks.
-
-        Args:
-            figures: results of the agent.
-            address: address of the agent's graph.
-            settings: settings of the agent's cell or task.
-            where: file or folder with the results, perhaps in words, for the error.
-
-        Raises:
-            ArtefactError: if they are of another graph, split or set of tasks.
-            TaskError, ConfigError, RecipeFileError: as :meth:`groups`.
-        """
-        expected = PlayedGraph.of(self._graph(address))
-        if figures.graph != expected:
-            raise ArtefactError(
-                f"{where} has results of {figures.graph.in_words}; expected {expected.in_words}. "
-                "Train again."
-            )
-        tasks = len(self.groups(address, settings))
-        if len(figures.won) != tasks:
-            raise ArtefactError(
-                f"{where} is damaged: 'won' has {len(figures.won):,} tasks; expected {tasks:,}, "
-                "all test tasks. Make it again, or restore a copy."
-            )
-
-    def _graph(self, address: str) -> OpenedGraph:
-        if address not in self._opened:
-            self._opened[address] = self._open(address)
-        return self._opened[address]
-
-
+_OF_TASKS = ("depth", "task_weighting")
+"""Settings on which tasks and their groups depend."""
 _STUDIES = "studies"
 _STOP = ".stop"
 
@@ -565,7 +470,7 @@ def write_plan(root: Path, plan: Plan, command: str) -> None:
     with suppress(ArtefactError):
         before = read_record(path, PlannedStudy).study
         # More seeds continue a study; any other change makes another one.
-        if structs.replace(before, seeds=plan.study.seeds) != plan.study:
+        if msgspec.structs.replace(before, seeds=plan.study.seeds) != plan.study:
             logging.getLogger(__name__).warning(
                 "the study '%s' of '%s' was another one; its runs stay, but its record and its "
                 "report are replaced.",
@@ -589,24 +494,6 @@ def studies_of(root: Path) -> list[str]:
     return sorted(path.stem for path in (root / _STUDIES).glob("*.json"))
 
 
-def read_plan(root: Path, name: str) -> PlannedStudy:
-    """Read the record of a planned study.
-
-    Raises:
-        ArtefactError: if ``root`` is not a results folder, or the record is missing or damaged.
-    """
-    names = studies_of(root)
-    if name not in names:
-        raise ArtefactError(
-            f"'{root}' has no study '{name}'; expected "
-            f"{', '.join(names) or 'none'}.{nearest(name, names)}"
-        )
-    return read_record(root / _STUDIES / f"{name}.json", PlannedStudy)
-
-
-_KEPT = ("won", "distractor_seeds", "curve", "steps", "seconds", "steps_per_second")
-
-
 def collect_study(root: Path, name: str) -> StudyResults:
     """Return the results that a study in a results folder has so far.
 
@@ -617,19 +504,31 @@ def collect_study(root: Path, name: str) -> StudyResults:
         name: name of the study.
 
     Raises:
-        ArtefactError: for an unknown study, or a damaged record of it.
+        ArtefactError: if ``root`` is not a results folder, or for an unknown study, or a damaged
+            record of it.
     """
-    plan = read_plan(root, name)
-    return _results(root, name, plan)
+    names = studies_of(root)
+    if name not in names:
+        raise ArtefactError(
+            f"'{root}' has no study '{name}'; expected "
+            f"{', '.join(names) or 'none'}.{nearest(name, names)}"
+        )
+    plan = read_record(root / _STUDIES / f"{name}.json", PlannedStudy)
 
+    # Opening a graph and finding its tasks takes seconds, and most runs share them.
+    @cache
+    def opened(graph: str) -> OpenedGraph:
+        return open_graph(str(root / graph))
 
-def _results(root: Path, name: str, plan: PlannedStudy) -> StudyResults:
-    played = PlayedTasks(lambda address: open_graph(str(root / address)))
+    @cache
+    def groups_at(graph: str, config: WordCraftConfig) -> tuple[int, ...]:
+        return groups_of_tasks(opened(graph), config)
+
     groups: dict[tuple[int, ...], int] = {}
     graphs: dict[PlayedGraph, int] = {}
     versions: dict[str, str] = {}
     scorers: dict[str, ScorerMetrics] = {}
-    origins: dict[str, tuple[int, Origin]] = {}
+    origins: dict[tuple[str, tuple[tuple[str, str], ...]], int] = {}
     runs: list[RunResult] = []
     missing: list[Missing] = []
     # By address, so that a training that several cells share counts once.
@@ -637,23 +536,25 @@ def _results(root: Path, name: str, plan: PlannedStudy) -> StudyResults:
     for cell, address, scorer, graph in zip(
         plan.cells, plan.runs, plan.scorers, plan.graphs, strict=True
     ):
+        number = None
         try:
-            figures = _run_metrics(root, address)
+            figures = _run_metrics(root / address)
             # The tasks are unknown if the graph's folder was removed.
-            is_known = (root / graph).exists()
-            if is_known:
-                played.check(figures, graph, cell.settings, root / address)
+            if (root / graph).exists():
+                group_of_task = groups_at(graph, _played_config(cell.settings))
+                expected = PlayedGraph.of(opened(graph))
+                _check_tasks(figures, expected, len(group_of_task), root / address)
+                number = groups.setdefault(group_of_task, len(groups))
             if scorer is not None and scorer not in scorers:
                 scorers[scorer] = read_metrics(root / scorer, ScorerMetrics)
         except ArtefactError as error:
             missing.append(Missing(cell.variant, cell.values, cell.seed, str(error)))
             continue
-        number = None
-        if is_known:
-            group_of_task = tuple(played.groups(graph, cell.settings).tolist())
-            number = groups.setdefault(group_of_task, len(groups))
         versions |= figures.versions
         seconds[address] = figures.seconds
+        if scorer is not None:
+            seconds[scorer] = scorers[scorer].seconds
+        origin = (figures.platform, tuple(figures.versions.items()))
         runs.append(
             RunResult(
                 variant=cell.variant,
@@ -661,17 +562,13 @@ def _results(root: Path, name: str, plan: PlannedStudy) -> StudyResults:
                 seed=cell.seed,
                 run=address,
                 graph=graphs.setdefault(figures.graph, len(graphs)),
-                origin=_origin(origins, figures),
+                origin=origins.setdefault(origin, len(origins)),
                 mrr=scorers[scorer].mrr if scorer is not None else None,
-                success=_rounded(figures.success),
-                by_plan=_rounded(figures.by_plan),
-                terminations=_rounded(figures.terminations),
                 groups=number,
-                **{name: getattr(figures, name) for name in _KEPT},
+                **_rounded(figures),
             )
         )
-        if scorer is not None:
-            seconds[scorer] = scorers[scorer].seconds
+    run_counts = Counter(run.origin for run in runs)
     return StudyResults(
         format="wordcraft-kg results 1",
         name=name,
@@ -682,30 +579,63 @@ def _results(root: Path, name: str, plan: PlannedStudy) -> StudyResults:
         runs=tuple(runs),
         missing=tuple(missing),
         hours=round(sum(seconds.values()) / 3600, 4),
-        origins=tuple(origin for _, origin in origins.values()),
+        origins=tuple(
+            Origin(platform, dict(packages), run_counts[number])
+            for (platform, packages), number in origins.items()
+        ),
         groups=tuple(groups),
     )
 
 
-def _origin(origins: dict[str, tuple[int, Origin]], figures: RunMetrics) -> int:
-    """Count a run at its origin, and return the number of the origin."""
-    key = repr((figures.platform, figures.versions))
-    if key not in origins:
-        new = Origin(figures.platform, figures.versions, runs=0)
-        origins[key] = (len(origins), new)
-    number, origin = origins[key]
-    origins[key] = (number, structs.replace(origin, runs=origin.runs + 1))
-    return number
+def _played_config(settings: Values) -> WordCraftConfig:
+    """Return the test environment of a cell, with the settings alone that decide the tasks."""
+    task_settings = {name: settings[name] for name in _OF_TASKS if name in settings}
+    return TaskConfig(**task_settings).environment("test")  # type: ignore[arg-type]
 
 
-def _run_metrics(root: Path, address: str) -> RunMetrics:
-    if not (root / address / METRICS_FILE).exists():
+def groups_of_tasks(opened: OpenedGraph, config: WordCraftConfig) -> tuple[int, ...]:
+    """Return the resampling group of each task that is played, numbered by first appearance.
+
+    Args:
+        opened: graph and split.
+        config: settings of the environment.
+
+    Raises:
+        TaskError: if the graph has no tasks with these settings.
+    """
+    every = World(opened, config).groups
+    # Of very many tasks, an even sample is played.
+    played = every[:: distance_of(len(every), MOST_TASKS)].tolist()
+    numbers = {group: number for number, group in enumerate(dict.fromkeys(played))}
+    return tuple(numbers[group] for group in played)
+
+
+def _check_tasks(figures: RunMetrics, graph: PlayedGraph, tasks: int, folder: Path) -> None:
+    """Raise an ArtefactError for an agent's results on another graph, split or set of tasks."""
+    if figures.graph != graph:
+        raise ArtefactError(
+            f"{folder} has results of {figures.graph.in_words}; expected {graph.in_words}. "
+            "Train again."
+        )
+    if len(figures.won) != tasks:
+        raise ArtefactError(
+            f"{folder} is damaged: 'won' has {len(figures.won):,} tasks; expected {tasks:,}, "
+            "all test tasks. Make it again, or restore a copy."
+        )
+
+
+def _run_metrics(folder: Path) -> RunMetrics:
+    if not (folder / METRICS_FILE).exists():
         raise ArtefactError("not trained yet, or the training failed")
-    figures = read_metrics(root / address, RunMetrics)
+    figures = read_metrics(folder, RunMetrics)
     if "test" not in figures.success:
         raise ArtefactError("the split has no test tasks of this kind")
     return figures
 
 
-def _rounded(shares: Mapping[str, float]) -> dict[str, float]:
-    return {name: round(share, 6) for name, share in shares.items()}
+def _rounded(figures: RunMetrics) -> dict[str, Any]:
+    """Return a run's performance by field, with six digits for shares by name."""
+    values = {name: getattr(figures, name) for name in Performance.__struct_fields__}
+    for field in ("success", "by_plan", "terminations"):
+        values[field] = {name: round(share, 6) for name, share in values[field].items()}
+    return values

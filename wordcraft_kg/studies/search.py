@@ -55,11 +55,8 @@ def search(study: Study, score: Callable[[Study], float]) -> Study:
     best = _with(study, trials.best_params)
     shown = ", ".join(f"{name} {value}" for name, value in trials.best_params.items())
     losses = f", {len(failures)} failed" if failures else ""
-    outcome = (
-        f"best of {study.trials} trials{losses}, validation success {trials.best_value:.3f}: "
-        f"{shown}"
-    )
-    return msgspec.structs.replace(best, title=f"{study.title} ({outcome})")
+    outcome = f"best of {study.trials} trials{losses}, validation success {trials.best_value:.3f}"
+    return msgspec.structs.replace(best, title=f"{study.title} ({outcome}: {shown})")
 
 
 def check_searchable(study: Study) -> None:
@@ -100,10 +97,10 @@ def _suggested(trial: Any, study: Study) -> Values:
     for name, space in study.search.items():
         if isinstance(space, list):
             values[name] = trial.suggest_categorical(name, space)
-            continue
-        is_whole = isinstance(space.low, int) and isinstance(space.high, int)
-        suggest = trial.suggest_int if is_whole else trial.suggest_float
-        values[name] = suggest(name, space.low, space.high, log=space.log)
+        else:
+            is_whole = isinstance(space.low, int) and isinstance(space.high, int)
+            suggest = trial.suggest_int if is_whole else trial.suggest_float
+            values[name] = suggest(name, space.low, space.high, log=space.log)
     return values
 
 

@@ -41,18 +41,21 @@ OF_GRAPH = {
     "valid_ratio": "valid_ratio",
 }
 """Graph settings by option: ``book``, and :class:`SplitConfig` fields."""
+PARTS_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}
+"""Configuration classes by part of an agent's settings."""
 OF_AGENT: dict[str, type] = {}
 """Configuration class by agent option."""
-for _agent_kind in (TaskConfig, PolicyConfig, ImpalaConfig):
+for _agent_kind in PARTS_OF_AGENT.values():
     OF_AGENT |= {field.name: _agent_kind for field in fields(_agent_kind)}
 SCORER = "scorer"
 """The setting that names a scorer in the study; ``scorer.epochs`` is a setting for that scorer."""
 _PLAIN_SCORERS = ("facts", "neighbours", "kernel")
 """Untrained scorers, with the setting ``kg`` only."""
-_TRAINED_SCORERS = {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}
+TRAINED_SCORERS = {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}
+"""Configuration class by command that trains a scorer."""
 SCORER_SETTINGS: dict[str, frozenset[str]] = {name: frozenset({"kg"}) for name in _PLAIN_SCORERS}
 """Allowed settings of a scorer by its command."""
-for _command, _kind in _TRAINED_SCORERS.items():
+for _command, _kind in TRAINED_SCORERS.items():
     _names = {field.name for field in fields(_kind)}
     # A study keeps finished scorers only, so the distance of checkpoints changes nothing.
     SCORER_SETTINGS[_command] = frozenset(_names - {"checkpoint_every"})
@@ -187,8 +190,8 @@ class StudyCell(Record, frozen=True):
 
 def built_in() -> list[str]:
     """Return the built-in studies' names."""
-    files = [path.name for path in BUILT_IN.iterdir()]
-    return sorted(name.removesuffix(".toml") for name in files if name.endswith(".toml"))
+    names = [path.name for path in BUILT_IN.iterdir()]
+    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
 def read_study(source: str | Path) -> Study:
@@ -261,20 +264,19 @@ def adapted(
     Raises:
         ConfigError: if the study itself varies the setting, or a value is out of range.
     """
-    changes: Values = {}
-    if book is not None:
-        changes["book"] = book
-    if steps is not None:
-        changes["steps"] = steps
+    given: dict[str, Value | None] = {"book": book, "steps": steps}
+    changes = {name: value for name, value in given.items() if value is not None}
     varied: list[dict[str, Any]] = [study.grid, *study.points]
     for name in changes:
         # Variants with steps of their own are shortened below.
         tables = varied if name == "steps" else [*varied, *study.variants.values()]
         if any(name in table for table in tables):
             raise ConfigError(f"`{name}`: the study varies this setting; change the study file.")
-    variants = study.variants
-    if steps is not None:
-        variants = {name: _shortened(table, steps) for name, table in variants.items()}
+    variants = dict(study.variants)
+    for name, table in study.variants.items():
+        variant_steps = table.get("steps")
+        if steps is not None and isinstance(variant_steps, int):
+            variants[name] = {**table, "steps": min(variant_steps, steps)}
     adapted_study = msgspec.structs.replace(
         study,
         variants=variants,
@@ -283,14 +285,6 @@ def adapted(
     )
     check_study(adapted_study)
     return adapted_study
-
-
-def _shortened(settings: Values, steps: int) -> Values:
-    """Return a variant's settings with at most so many steps, if it has steps of its own."""
-    variant_steps = settings.get("steps")
-    if not isinstance(variant_steps, int):
-        return settings
-    return {**settings, "steps": min(variant_steps, steps)}
 
 
 def check_study(study: Study, source: str = "study") -> None:
@@ -360,11 +354,14 @@ def _check_settings(study: Study, source: str) -> None:
     allowed_settings = {SCORER, *OF_GRAPH, *OF_AGENT, *scorer_settings} - set(NO_SETTINGS)
     allowed_of_variant = {PLAYER, *allowed_settings}
     of_training = {name for name, kind in OF_AGENT.items() if kind is not TaskConfig} - {"features"}
-    _known(source, "settings.", study.settings, allowed_settings)
-    _known(source, "grid.", study.grid, allowed_settings)
-    _known(source, "search.", study.search, allowed_settings)
-    for number, point in enumerate(study.points):
-        _known(source, f"points[{number}].", point, allowed_settings)
+    tables: dict[str, Any] = {
+        "settings.": study.settings,
+        "grid.": study.grid,
+        "search.": study.search,
+    }
+    tables |= {f"points[{number}].": point for number, point in enumerate(study.points)}
+    for where, table in tables.items():
+        _known(source, where, table, allowed_settings)
     varied = {*study.grid, *study.search, *chain.from_iterable(study.points)}
     for variant, settings in study.variants.items():
         prefix = f"variants.{variant}."
@@ -398,10 +395,10 @@ def _check_grid(study: Study, source: str) -> None:
     for name, values in study.grid.items():
         if not values:
             raise ConfigError(f"{source}: grid.{name} is empty; expected a value.")
-        for value in values:
-            # Equal points would be counted twice in every mean and correction.
-            if values.count(value) > 1:
-                raise ConfigError(f"{source}: grid.{name} has {value!r} twice.")
+        # Equal points would be counted twice in every mean and correction.
+        repeated = [value for value in values if values.count(value) > 1]
+        if repeated:
+            raise ConfigError(f"{source}: grid.{name} has {repeated[0]!r} twice.")
 
 
 def _check_points(study: Study, source: str) -> None:
@@ -448,14 +445,24 @@ def points_of(study: Study) -> list[Values]:
 
     They are all combinations of values for the settings in ``points`` and ``grid``.
     """
-    crossed: list[Values] = []
-    for values in product(*study.grid.values()):
-        crossed.append(dict(zip(study.grid, values, strict=True)))
     points: list[Values] = []
-    for point in study.points or [{}]:
-        for grid_point in crossed:
-            points.append({**point, **grid_point})
+    for point, values in product(study.points or [{}], product(*study.grid.values())):
+        points.append({**point, **dict(zip(study.grid, values, strict=True))})
     return points
+
+
+def title_of(values: Values) -> str:
+    """Describe grid settings in words, such as ``8 distractors, split by-goal``."""
+    words = []
+    for name, value in values.items():
+        if name == "distractors":
+            words.append(f"{value} distractor" if value == 1 else f"{value} distractors")
+        elif name == "book":
+            words.append(str(value))
+        else:
+            # As in the study's file, where truth values are written in small letters.
+            words.append(f"{name} {str(value).lower() if isinstance(value, bool) else value}")
+    return ", ".join(words)
 
 
 def points_at(study: Study, values: Values) -> list[Values]:
@@ -483,9 +490,7 @@ def cells_of(study: Study) -> list[StudyCell]:
         for name, settings in study.variants.items():
             merged = {**study.settings, **values, **settings}
             if SCORER not in merged:
-                unused = [key for key in merged if key.startswith(prefix)]
-                for key in unused:
-                    del merged[key]
+                merged = {key: merged[key] for key in merged if not key.startswith(prefix)}
             for seed in range(study.seeds):
                 split = {"split_seed": seed} if study.vary_split else {}
                 cells.append(StudyCell(name, values, seed, {**merged, **split}))
@@ -498,8 +503,9 @@ def split_of(settings: Values) -> SplitConfig:
     Raises:
         ConfigError: if a setting is out of range.
     """
-    fields = {}
-    for name, field in OF_GRAPH.items():
-        if name != "book" and name in settings:
-            fields[field] = settings[name]
+    fields = {
+        field: settings[name]
+        for name, field in OF_GRAPH.items()
+        if name != "book" and name in settings
+    }
     return SplitConfig(**fields)  # type: ignore[arg-type]

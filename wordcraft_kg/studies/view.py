@@ -5,11 +5,14 @@ It has means, intervals, differences to the reference, and success by scorer MRR
 
 import math
 from collections.abc import Sequence
+from itertools import chain
+from statistics import fmean
 from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
 import pandas as pd
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from wordcraft_kg.base import ConfigError, Count, Record, Share
@@ -24,7 +27,7 @@ from wordcraft_kg.evaluation.agent_metrics import CurvePoint
 from wordcraft_kg.graphs.graph_folder import PlayedGraph
 from wordcraft_kg.studies.claims import ClaimVerdict, view_claims
 from wordcraft_kg.studies.results import Missing, Origin, RunResult, StudyResults, steps_to
-from wordcraft_kg.studies.study import Drawing, Value, Values
+from wordcraft_kg.studies.study import Drawing, Value, Values, title_of
 
 Interval = tuple[float, float]
 """Lower and upper end."""
@@ -142,34 +145,28 @@ def metrics_of(
     # Runs of earlier studies may lack train tasks or a scorer: these lists may be shorter.
     train = [run.success["train"] for run in members if "train" in run.success]
     mrr = [run.mrr for run in members if run.mrr is not None]
-    by_plan = [run.by_plan["test"] for run in members]
-    seconds = [run.seconds for run in members]
     reached, reached_interval = _reached(members, base)
+    # Means that do not depend on the order of the values.
     return VariantMetrics(
         variant=variant,
         seeds=tuple(run.seed for run in members),
         success=tuple(success),
-        mean=mean_of(success),
+        mean=fmean(success),
         seed_interval=student_interval(success) if rates.splits is None else None,
         interval=rate_interval(*rates),
-        by_plan=mean_of(by_plan),
+        by_plan=fmean(run.by_plan["test"] for run in members),
         # A mean of some runs would stand beside the success of all.
-        train=mean_of(train) if len(train) == len(members) else None,
-        mrr=mean_of(mrr) if mrr else None,
+        train=fmean(train) if len(train) == len(members) else None,
+        mrr=fmean(mrr) if mrr else None,
         mrr_range=(min(mrr), max(mrr)) if mrr else None,
         comparison=_comparison(results, members, base),
         reached=reached,
         reached_interval=reached_interval,
         curve=_curve(members),
         runs=tuple(run.run for run in members),
-        seconds=mean_of(seconds),
+        seconds=fmean(run.seconds for run in members),
         steps=members[0].steps,
     )
-
-
-def mean_of(values: Sequence[float]) -> float:
-    """Return the mean, exactly rounded: independent of the order of the values."""
-    return math.fsum(values) / len(values)
 
 
 def _comparison(
@@ -177,16 +174,13 @@ def _comparison(
     members: list[RunResult],
     base: list[RunResult],
 ) -> VariantComparison | None:
-    by_seed = {run.seed: run for run in base}
-    paired = []
-    for run in members:
-        partner = by_seed.get(run.seed)
-        # Only the same task, with the same distractors, makes a pair.
-        if partner is not None and results.tasks_of(run) == results.tasks_of(partner):
-            paired.append(run)
+    # Only the same task, with the same distractors, makes a pair.
+    partners = {(run.seed, results.tasks_of(run)): run for run in base}
+    keys = [(run.seed, results.tasks_of(run)) for run in members]
+    paired = [run for run, key in zip(members, keys, strict=True) if key in partners]
     if members is base or not paired:
         return None
-    rates = results.rates_of([by_seed[run.seed] for run in paired])
+    rates = results.rates_of([partners[key] for key in keys if key in partners])
     differences = results.rates_of(paired).scores - rates.scores
     (difference, low, high), exact = crossed_difference(differences, rates.groups, rates.splits)
     p_value = exact if len(paired) >= FEWEST_PAIRS else None
@@ -204,8 +198,6 @@ def _curves(members: Sequence[RunResult]) -> tuple[list[int], NDArray[np.float64
 
 def _curve(members: Sequence[RunResult]) -> tuple[CurvePoint, ...]:
     steps, table = _curves(members)
-    if not steps:
-        return ()
     points: list[CurvePoint] = []
     for step, column in zip(steps, table.T, strict=True):
         low, high = student_interval(column) or (None, None)
@@ -237,10 +229,11 @@ def _reached(
     reached = first(table.mean(axis=0) - finals.mean())
     # For the interval each run is measured against the reference's end with its own seed.
     final_of = {run.seed: final for run, final in zip(base, finals, strict=True)}
-    ahead = []
-    for run, row in zip(members, table, strict=True):
-        if run.seed in final_of:
-            ahead.append(row - final_of[run.seed])
+    ahead = [
+        row - final_of[run.seed]
+        for run, row in zip(members, table, strict=True)
+        if run.seed in final_of
+    ]
     if len(ahead) < 2:
         return reached, None
     # Shape (steps, runs): an interval over the runs at each step.
@@ -315,7 +308,7 @@ def view_study(results: StudyResults) -> StudyView:
     study = results.study
     reference = study.reference or next(iter(study.variants))
     points = [_point(results, values, runs, reference) for values, runs in _cells(results)]
-    points = _corrected(points)
+    comparisons, corrected = _corrected(points)
     return StudyView(
         format="wordcraft-kg study report 1",
         name=results.name,
@@ -326,29 +319,14 @@ def view_study(results: StudyResults) -> StudyView:
         drawing=study.drawing,
         reference=reference,
         vary_split=study.vary_split,
-        points=tuple(points),
-        comparisons=len(_p_values(points)),
+        points=corrected,
+        comparisons=comparisons,
         claims=view_claims(results),
         missing=results.missing,
         versions=results.versions,
         hours=results.hours,
         origins=results.origins,
     )
-
-
-def title_of(values: Values) -> str:
-    """Describe grid settings in words, such as ``8 distractors, split by-goal``."""
-    return ", ".join(_worded(name, value) for name, value in values.items())
-
-
-def _worded(name: str, value: Value) -> str:
-    if name == "distractors":
-        return f"{value} distractor" if value == 1 else f"{value} distractors"
-    if name == "book":
-        return str(value)
-    # As in the study's file, where truth values are written in small letters.
-    shown = str(value).lower() if isinstance(value, bool) else value
-    return f"{name} {shown}"
 
 
 def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
@@ -358,36 +336,22 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
         ConfigError: if no run is finished, or runs of a variant at a point differ in their graphs
             or tasks.
     """
-    missing = results.missing
     if not results.runs:
-        reason = ""
-        if missing:
-            first = missing[0].why.rstrip(".")
-            reason = f" The first: {first}."
+        reasons = [f" The first: {gap.why.rstrip('.')}." for gap in results.missing[:1]]
         raise ConfigError(
-            f"study '{results.name}' has no finished run, {len(missing):,} missing.{reason} "
-            f"Run the study first: {results.command}"
+            f"study '{results.name}' has no finished run, {len(results.missing):,} missing."
+            f"{''.join(reasons)} Run the study first: {results.command}"
         )
-    points: dict[bytes, tuple[Values, Runs]] = {}
+    points: dict[tuple[tuple[str, Value], ...], tuple[Values, Runs]] = {}
+    # Results are listed by grid point and variant, in the order of the study.
     for run in results.runs:
-        # Sorted: the order of settings in a file does not make another point.
-        key = msgspec.json.encode(run.values, order="sorted")
-        _, runs = points.setdefault(key, (run.values, {}))
+        _, runs = points.setdefault(tuple(run.values.items()), (run.values, {}))
         runs.setdefault(run.variant, []).append(run)
-    # An interrupted study may have runs in another order than its file.
-    order = {name: number for number, name in enumerate(results.study.variants)}
-    cells: list[tuple[Values, Runs]] = []
     for values, runs in points.values():
-        # Variants that the study does not name any more come last.
-        names = sorted(runs, key=lambda name: order.get(name, len(order)))
-        in_order = {name: runs[name] for name in names}
-        cells.append((values, in_order))
-    for values, runs in cells:
         condition = f" with {title_of(values)}" if values else ""
         for variant, members in runs.items():
-            cell = f"'{variant}'{condition}"
-            _check_alike(results, cell, members)
-    return cells
+            _check_alike(results, f"'{variant}'{condition}", members)
+    return list(points.values())
 
 
 def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> None:
@@ -401,14 +365,12 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
     Raises:
         ConfigError: if graphs, splits or tasks differ, or a seed occurs twice.
     """
+    # A mean over seeds is about one set of tasks, unless each has a split by the study's plan.
+    identity = _book_and_tables if results.study.vary_split else StudyResults.tasks_of
     first = members[0]
     seeds: set[int] = set()
     for run in members:
-        # A mean over seeds is about one set of tasks, unless each has a split by the study's plan.
-        is_alike = results.tasks_of(run) == results.tasks_of(first)
-        if results.study.vary_split:
-            is_alike = _book_and_tables(results, run) == _book_and_tables(results, first)
-        if not is_alike:
+        if identity(results, run) != identity(results, first):
             raise ConfigError(
                 f"{cell}: seeds {first.seed} and {run.seed} were played on different graphs, "
                 f"splits or tasks ({_played(results, first)}; {_played(results, run)}), so their "
@@ -436,55 +398,38 @@ def _played(results: StudyResults, run: RunResult) -> str:
 
 def _point(results: StudyResults, values: Values, runs: Runs, reference: str) -> PointMetrics:
     base = runs.get(reference, [])
-    variants = []
-    graphs = {}
-    for name, members in runs.items():
-        variants.append(metrics_of(results, name, members, base))
-        for run in members:
-            graphs[run.graph] = results.graphs[run.graph]
-    first_runs = next(iter(runs.values()))
-    # A variant that lacks a training lacks the tasks of its split.
-    num_tasks = max(results.rates_of(members).scores.shape[1] for members in runs.values())
-    title = title_of(values)
-    if not values:
-        names = [f"{graph.name}, {graph.kind}" for graph in graphs.values()]
-        title = ", ".join(dict.fromkeys(names))
+    every_run = list(chain.from_iterable(runs.values()))
+    numbers = dict.fromkeys(run.graph for run in every_run)
+    graphs = [results.graphs[number] for number in numbers]
+    names = dict.fromkeys(f"{graph.name}, {graph.kind}" for graph in graphs)
     return PointMetrics(
         values=values,
-        title=title,
-        graphs=tuple(graphs.values()),
-        tasks=num_tasks,
-        distractor_seeds=first_runs[0].distractor_seeds,
-        variants=tuple(variants),
+        title=title_of(values) or ", ".join(names),
+        graphs=tuple(graphs),
+        # A variant that lacks a training lacks the tasks of its split.
+        tasks=max(results.rates_of(members).scores.shape[1] for members in runs.values()),
+        distractor_seeds=every_run[0].distractor_seeds,
+        variants=tuple(metrics_of(results, name, members, base) for name, members in runs.items()),
     )
 
 
-def _p_values(points: Sequence[PointMetrics]) -> list[float]:
-    """Return all p-values of a study, in the order of points and variants."""
-    p_values: list[float] = []
-    for point in points:
-        for entry in point.variants:
-            if entry.comparison is not None and entry.comparison.p_value is not None:
-                p_values.append(entry.comparison.p_value)
-    return p_values
+def _corrected(points: Sequence[PointMetrics]) -> tuple[int, tuple[PointMetrics, ...]]:
+    """Apply Holm's correction over all comparisons of the study, which a reader sees together.
 
-
-def _corrected(points: Sequence[PointMetrics]) -> list[PointMetrics]:
-    """Return points with Holm's correction over all comparisons of the study.
-
-    A reader sees them together.
+    Returns:
+        The number of comparisons with a p-value, and the points with corrected p-values.
     """
-    # In the order of ``_p_values``, which is that of the loop below.
-    corrected = iter(holm(_p_values(points)))
+    entries = chain.from_iterable(point.variants for point in points)
+    comparisons = [entry.comparison for entry in entries if entry.comparison is not None]
+    p_values = [each.p_value for each in comparisons if each.p_value is not None]
+    # In the same order as the values.
+    corrected = iter(holm(p_values))
 
     def with_p(entry: VariantMetrics) -> VariantMetrics:
         if entry.comparison is None or entry.comparison.p_value is None:
             return entry
-        comparison = msgspec.structs.replace(entry.comparison, p_corrected=next(corrected))
-        return msgspec.structs.replace(entry, comparison=comparison)
+        return replace(entry, comparison=replace(entry.comparison, p_corrected=next(corrected)))
 
-    corrected_points: list[PointMetrics] = []
-    for point in points:
-        variants = tuple(with_p(entry) for entry in point.variants)
-        corrected_points.append(msgspec.structs.replace(point, variants=variants))
-    return corrected_points
+    return len(p_values), tuple(
+        replace(point, variants=tuple(map(with_p, point.variants))) for point in points
+    )

@@ -4,18 +4,17 @@ A book with larger sets than pairs trains such a model, and any book with the se
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import safetensors.torch
 import torch
-from threadpoolctl import threadpool_limits
 
 from wordcraft_kg.base import ConfigError, as_values, dump_json, nearest, write_atomically
-from wordcraft_kg.base.tensors import copied, torch_threads
+from wordcraft_kg.base.tensors import copied
 from wordcraft_kg.graphs import (
     MOST_INGREDIENTS,
     OUTSIDE,
@@ -25,7 +24,15 @@ from wordcraft_kg.graphs import (
     RecipeGraph,
 )
 from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.recipe_records import FitDone, SetMetrics, TrainedSets
+from wordcraft_kg.models.recipes.recipe_records import (
+    FIT,
+    FitDone,
+    FitsTraining,
+    SetMetrics,
+    TrainedRecipes,
+    counter,
+    saved_parts,
+)
 from wordcraft_kg.models.recipes.set_fitting import FittedSets, fit_sets, folds_of_recipes
 from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
 from wordcraft_kg.models.scorers.features import make_features, named
@@ -50,13 +57,9 @@ from wordcraft_kg.models.scorers.sets.parts import (
     read_parts,
 )
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer, stored_names
-from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
 from wordcraft_kg.runs.record import scorer_card
-from wordcraft_kg.runs.run_folder import Progress, RunFolder, RunKind
-from wordcraft_kg.runs.trackers import Log
-from wordcraft_kg.runs.training import Training
+from wordcraft_kg.runs.run_folder import Progress, RunFolder
 
-_OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json")
 _OF_PAIRS = ("train_fraction", "label_noise", "with_", "without", "encoder", "device")
 """Settings that models of sets do not have."""
 _FEWEST_GOALS = 10
@@ -136,31 +139,30 @@ def with_new_entities(
     return scorer.with_entities(labels, shares, words)
 
 
-class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
+class SetsTraining(FitsTraining):
     """Trainer for models of sets.
 
     Attributes:
+        fits: name of the parts of the training.
         features: name of the word vectors; one-hot for none.
         recipes: training recipes, shape (R, 9), (ingredients, padding -1, goal).
         parts: parts of all entities.
         words: unit vectors of all entities.
     """
 
-    config_type = RecipesConfig
+    fits: ClassVar[str] = "networks"
 
-    def __init__(self, config: RecipesConfig, opened: OpenedGraph, kind: RunKind[Any]):
+    def __init__(self, config: RecipesConfig, opened: OpenedGraph):
         """Read parts and words.
 
         Args:
             config: all settings.
             opened: the graph with its split.
-            kind: constants of runs of the command.
 
         Raises:
             ConfigError: if the settings do not fit the graph or models of sets.
         """
         super().__init__(config, opened)
-        self.kind = kind  # type: ignore[misc]
         settings = config.settings
         _check_settings(settings)
         self.source = settings.parts or NO_PARTS
@@ -196,55 +198,32 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
                 "and as many as `folds`. Use a larger book."
             )
 
-    def begin(  # noqa: D102 - inherited
-        self, run: RunFolder[FitDone], report: Progress | None
-    ) -> Mapping[str, Any]:
+    @property
+    def num_fits(self) -> int:  # noqa: D102 - inherited
+        return self.config.settings.folds + 1
+
+    def inputs(self) -> dict[str, str]:  # noqa: D102 - inherited
         # The input `parts` also tells that a folder holds a model of sets.
         inputs = {"parts": self.parts.sha256}
         if self.folds is not None:
             inputs["folds"] = self.folds.hash
-        return {"inputs": inputs}
+        return inputs
 
-    def restored(self, run: RunFolder[FitDone]) -> None:
-        """Return None in place of a checkpoint: a resumed run reads the saved folds."""
-
-    def fit(  # noqa: D102 - inherited
-        self,
-        run: RunFolder[FitDone],
-        report: Progress | None,
-        log: Log,
-        checkpoint: Checkpoint[FitDone] | None,
-    ) -> TrainedSets:
+    def make(  # noqa: D102 - inherited
+        self, run: RunFolder[FitDone], report: Progress | None
+    ) -> TrainedRecipes:
         settings = self.config.settings
-        if not run.is_live:
-            run.resume(self.config)
         began = time.perf_counter()
-        # A resumed run fits only the networks that are not saved.
-        saved = Checkpoints(run.path, run.kind.saved_as[0], FitDone, kept=None)
-        total = settings.folds + 1
-        steps = len(saved.records())
-
-        def after() -> None:
-            nonlocal steps
-            steps += 1
-            if run.interrupted.is_set():
-                raise KeyboardInterrupt(
-                    f"interrupted; {steps} of {total} networks are saved in '{run.path}'. Repeat "
-                    "the command to fit the rest."
-                )
-            if report:
-                report(steps, total, {})
-
-        with torch_threads(settings.threads), threadpool_limits(settings.threads):
-            fitted = fit_sets(
-                self.recipes,
-                self.parts.amounts,
-                self.words,
-                seed=settings.seed,
-                folds=settings.folds,
-                saved=saved,
-                after=after,
-            )
+        saved = saved_parts(run, FIT)
+        fitted = fit_sets(
+            self.recipes,
+            self.parts.amounts,
+            self.words,
+            seed=settings.seed,
+            folds=settings.folds,
+            saved=saved,
+            after=counter(run, report, self.num_fits, len(saved.records())),
+        )
         tensors = {
             "recipes": torch.from_numpy(self.recipes),
             "amounts": torch.from_numpy(self.parts.amounts),
@@ -254,9 +233,9 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
         }
         write_scorer(run.path, SetScorer.kind, tensors, self.opened.graph)
         knowledge = SetKnowledge(self.recipes, self.parts.amounts, self.words)
-        outputs: tuple[str, ...] = _OUTPUTS
+        fold_files: tuple[str, ...] = ()
         if self.folds is not None:
-            outputs += (FOLDS_RECORD, FOLDS_TENSORS)
+            fold_files = (FOLDS_RECORD, FOLDS_TENSORS)
             self._write_folds(run.path, self.folds, fitted, knowledge.style_parts)
         metrics = SetMetrics(
             kg=settings.kg,
@@ -267,13 +246,11 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
             features=self.features,
             seconds=round(time.perf_counter() - began, 3),
             folds=settings.folds,
-            fold_top=fitted.top,
+            fold_top=fitted.order.top,
             lost=self._shares(knowledge.lost, ~knowledge.is_kept),
             shared=self._shares(knowledge.shared, knowledge.is_kept & ~knowledge.is_key),
         )
-        write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
-        run.finish(outputs, self._card(metrics))
-        return TrainedSets(run.path, metrics)
+        return self.finish(run, metrics, fold_files, self._card(metrics))
 
     def _write_folds(
         self, folder: Path, folds: Folds, fitted: FittedSets, style_parts: Flags
@@ -288,11 +265,11 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
         """
         tensors = {OF_RECIPE: torch.from_numpy(folds.of_recipe.copy())}
         fold_of_train = folds.of_recipe[folds.split.is_in("train")]
-        for number, without_fold in enumerate(fitted.folds):
+        for number in range(folds.count):
             own_tensors = {
                 "recipes": torch.from_numpy(self.recipes[fold_of_train != number]),
                 "style_parts": torch.from_numpy(style_parts),
-                **without_fold.tensors(),
+                **fitted.tensors(number),
             }
             tensors |= {f"fold{number}.{name}": value for name, value in own_tensors.items()}
         record = FoldsRecord.unranked(folds)
@@ -320,10 +297,6 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
             "`config.toml` reproduces the training; `run.json` records all versions.",
             [f"scorer.recipes({goal!r}, 5)  # sets of ids, with probabilities"],
         )
-
-    @classmethod
-    def outcome(cls, files: Any) -> TrainedSets:  # noqa: D102 - inherited
-        return TrainedSets(files.folder, files.record("metrics.json", SetMetrics))
 
 
 def rows_of_sets(graph: RecipeGraph, is_used: Any) -> Ids:

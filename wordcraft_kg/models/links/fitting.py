@@ -14,7 +14,6 @@ The page docs/link-prediction.md describes trainings under *Train*, and
 docs/evidence/links.md#complex measures the choice.
 """
 
-import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -35,8 +34,8 @@ from wordcraft_kg.graphs import Ids, OpenedGraph, RecipeGraph, Split, SplitConfi
 from wordcraft_kg.models.links.builders import make_training_loop, scorer_tensors
 from wordcraft_kg.models.links.link_config import N3_PARTIAL, ComplExConfig, LinkSettings
 from wordcraft_kg.models.links.link_records import Candidate, Choice, LinkProgress, TraceRow
-from wordcraft_kg.models.links.outside import OutsideTriples
 from wordcraft_kg.models.links.pykeen_bridge import (
+    OutsideTriples,
     pykeen_guard,
     quiet_pykeen,
     seed_everything,
@@ -71,7 +70,7 @@ def train_epochs(
         loop: PyKEEN's loop with the model.
         factory: training triples.
         settings: model and training settings.
-        callback: called by PyKEEN after each batch and epoch.
+        callback: called by PyKEEN after each epoch.
         is_resumed: go on after the loop's epoch, with the loop's optimiser.
 
     Raises:
@@ -134,10 +133,6 @@ class _Epochs(TrainingCallback):
         seed_everything(self.seed, epoch + 1)
 
 
-QUIET = 20.0
-"""Seconds between progress reports within an epoch."""
-
-
 class Epochs(TrainingCallback):
     """PyKEEN callback for a training in a run folder: validates, logs, saves and stops.
 
@@ -150,7 +145,6 @@ class Epochs(TrainingCallback):
         run: RunFolder[LinkProgress],
         opened: OpenedGraph,
         triples: Ids,
-        num_triples: int,
         settings: LinkSettings,
         progress: Progress | None,
         log: Log,
@@ -161,7 +155,6 @@ class Epochs(TrainingCallback):
             run: run folder for checkpoints; its interruption ends the training after the epoch.
             opened: graph, and split with validation triples.
             triples: the graph's training triples, ids of shape (T, 3).
-            num_triples: number of all training triples, also those from outside the book.
             settings: model and training settings.
             progress: called with epoch, total and metrics; None for no reports.
             log: writes an epoch's metrics to ``metrics.jsonl`` and trackers.
@@ -180,28 +173,7 @@ class Epochs(TrainingCallback):
             self._valid = sampled_for(opened.graph, split.held_out("valid"))
             # Without test links: settings may be chosen by these ranks.
             self._known = np.concatenate([split.partial, split.triples_of("valid")])
-        self._batches = math.ceil(num_triples / settings.batch_size)
-        self._batch = 0
-        # Epochs of the main model and of each fold's model.
-        self._total = settings.epochs * (1 + (settings.folds or 0))
         self._clock = time.perf_counter()
-        self._reported = self._clock
-
-    def post_batch(self, epoch: int, batch: Any, **kwargs: Any) -> None:
-        """Report progress in a long epoch, with the estimated remaining time."""
-        self._batch += 1
-        time_now = time.perf_counter()
-        if self.report and time_now - self._reported >= QUIET and self._batch < self._batches:
-            self._reported = time_now
-            share = self._batch / self._batches
-            minutes = (time_now - self._clock) / share / 60
-            minutes_left = minutes * (self.settings.epochs - epoch + 1 - share)
-            figures = {
-                f"of epoch {epoch}": share,
-                "minutes an epoch": minutes,
-                "minutes left": minutes_left,
-            }
-            self.report(epoch - 1, self._total, figures)
 
     def post_epoch(self, epoch: int, epoch_loss: float, **kwargs: Any) -> None:
         """Validate, save, log and report after an epoch, if due; stop after an interruption."""
@@ -220,8 +192,6 @@ class Epochs(TrainingCallback):
         if is_last or epoch % settings.checkpoint_every == 0:
             progress = LinkProgress(trace=tuple(self.trace))
             self.run.checkpoints.save(epoch, self._tensors(), progress)
-        self._batch = 0
-        self._reported = time_now
         metrics = {"loss": epoch_loss, "valid_mrr": valid_mrr, "seconds": row.seconds}
         begun = time.perf_counter()
         self.log(epoch, metrics)
@@ -229,7 +199,9 @@ class Epochs(TrainingCallback):
         self._clock += time.perf_counter() - begun
         if self.report:
             figures = {name: value for name, value in metrics.items() if value is not None}
-            self.report(epoch, self._total, {"epoch": epoch, **figures})
+            # Epochs of the main model and of each fold's model.
+            total = settings.epochs * (1 + (settings.folds or 0))
+            self.report(epoch, total, {"epoch": epoch, **figures})
         if is_last:
             # PyKEEN offers callbacks no public way to stop a loop.
             self.training_loop._should_stop = True

@@ -61,14 +61,15 @@ from wordcraft_kg.models.links.link_records import (
     TraceRow,
     training_facts,
 )
-from wordcraft_kg.models.links.outside import OutsideTriples, outside_hashes, read_outside
 from wordcraft_kg.models.links.pykeen_bridge import (
+    OutsideTriples,
+    outside_hashes,
     pykeen_guard,
     quiet_pykeen,
+    read_outside,
     seed_everything,
     triples_factory,
 )
-from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 from wordcraft_kg.models.scorers.score_limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.scorer import Scorer
@@ -107,24 +108,20 @@ def decided_folds(settings: LinkSettings, opened: OpenedGraph) -> LinkSettings:
         return replace(settings, folds=0)
     try:
         make_folds(opened.split, count)
-        _check_size(settings, count, opened.graph.num_entities)
+        num_bytes = count * table_bytes(opened.graph.num_entities)
+        # ComplEx stores embeddings, which are small.
+        if not isinstance(settings, ComplExConfig) and num_bytes > TABLE_LIMIT:
+            raise ConfigError(
+                f"`folds` {count}: a score table for each fold takes {num_bytes / 2**20:,.0f} MiB; "
+                f"expected at most {TABLE_LIMIT / 2**20:.0f} MiB. Use fewer folds or 0, or ComplEx "
+                "(wordcraft-kg train-complex)."
+            )
     except ConfigError as error:
         if num_folds is not None:
             raise
         logging.getLogger(__name__).info("no folds: %s", error)
         count = 0
     return replace(settings, folds=count)
-
-
-def _check_size(settings: LinkSettings, count: int, num_entities: int) -> None:
-    # ComplEx stores embeddings, which are small.
-    num_bytes = count * table_bytes(num_entities)
-    if not isinstance(settings, ComplExConfig) and num_bytes > TABLE_LIMIT:
-        raise ConfigError(
-            f"`folds` {count}: a score table for each fold takes {num_bytes / 2**20:,.0f} MiB; "
-            f"expected at most {TABLE_LIMIT / 2**20:.0f} MiB. Use fewer folds or 0, or ComplEx "
-            "(wordcraft-kg train-complex)."
-        )
 
 
 @dataclass(frozen=True)
@@ -148,7 +145,7 @@ class _Job:
         stored = {
             name: tensor for name, tensor in tensors.items() if not name.startswith("pykeen.")
         }
-        _kept(self.folder).save(self.fold, copied(stored), self.done)
+        fold_models(self.folder).save(self.fold, copied(stored), self.done)
 
     @property
     def done(self) -> FoldDone:
@@ -156,83 +153,9 @@ class _Job:
         return FoldDone(trained_on=triples_hash(self.triples), epochs=self.settings.epochs)
 
 
-def _kept(folder: Path) -> Checkpoints[FoldDone]:
-    # All are kept, not only the last: each belongs to another fold.
+def fold_models(folder: Path) -> Checkpoints[FoldDone]:
+    """Return the finished models of folds in a run: all are kept, each belongs to another fold."""
     return Checkpoints(folder, "fold", FoldDone, kept=None)
-
-
-def train_folds(
-    folder: Path,
-    folds: Folds,
-    settings: LinkSettings,
-    outside: OutsideTriples | None = None,
-    *,
-    seconds: float,
-    after_epoch: Callable[[int, int], None],
-) -> None:
-    """Train all missing fold models: for each fold, a model of the remaining train recipes.
-
-    Args:
-        folder: folder of the run.
-        folds: the folds and the training recipes.
-        settings: settings of the main model, with the number of ``epochs`` that it was trained for.
-        outside: triples from outside the book, in every fold's training; None without.
-        seconds: duration of the main training, which decides whether more processes are worth their
-            start.
-        after_epoch: called with the finished and the total epochs over all folds, regularly, also
-            while no epoch ends; may raise to end the training.
-
-    Raises:
-        TrainingError: if a loss is not finite, or a process dies.
-    """
-    # The number of epochs is decided; validation triples belong to the main model.
-    settings = replace(settings, eval_every=0, folds=0)
-    graph = folds.split.graph
-    jobs = [
-        _Job(folder, fold, settings, graph, folds.triples([fold]), outside)
-        for fold in range(folds.count)
-    ]
-    # Models that an interrupted run has finished, with the same triples and epochs, are not trained
-    # again.
-    waiting = not_done(jobs, _kept(folder))
-    epochs = {job.fold: settings.epochs for job in jobs}
-    epochs.update({job.fold: 0 for job in waiting})
-
-    def note(fold: int | None = None, epoch: int = 0) -> None:
-        # Without a fold, only to let the caller interrupt the training.
-        if fold is not None:
-            epochs[fold] = epoch
-        after_epoch(sum(epochs.values()), settings.epochs * len(jobs))
-
-    # On a GPU, several processes would share one device.
-    is_long = seconds >= LONG and torch.device(settings.device).type == "cpu"
-    train_jobs(waiting, settings.threads, note, is_long=is_long)
-
-
-def write_link_folds(
-    folder: Path, folds: Folds, whole: Scorer, settings: LinkSettings
-) -> FoldsRecord:
-    """Write the scorers of all folds into the model folder.
-
-    Args:
-        folder: folder of the run, which holds the finished models of all folds.
-        folds: the folds and the training recipes.
-        whole: the scorer trained on all folds.
-        settings: settings of the models.
-
-    Returns:
-        metrics of the folds' models, compared with ``whole``.
-
-    Raises:
-        ArtefactError: if the finished model of a fold is missing or damaged.
-    """
-    checkpoints = _kept(folder)
-
-    def part(fold: int) -> tuple[str, dict[str, torch.Tensor]]:
-        checkpoint = checkpoints.read(fold)
-        return checkpoint.progress.trained_on, checkpoint.tensors
-
-    return write_folds(folder, folds, whole, scorer_kind(settings, len(whole.entities)), part)
 
 
 CHOICE = "choice.json"
@@ -407,7 +330,6 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
                 run,
                 self.opened,
                 self.train_sample.triples,
-                factory.num_triples,
                 settings,
                 report,
                 log,
@@ -438,14 +360,21 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             # Finished folds stay among the checkpoints, so the same command trains the missing
             # ones.
             try:
-                self._cross_fit(run, metrics, report)
+                self._train_folds(run, self.folds, metrics.seconds, report)
             except KeyboardInterrupt:
                 # Raised by something else than this run's Ctrl-C.
                 if not run.interrupted.is_set():
                     raise
                 run.interrupt()
                 return TrainedLinks(run.path, metrics.epochs, None)
-            record = write_link_folds(run.path, self.folds, scorer, settings)
+            models = fold_models(run.path)
+
+            def part(fold: int) -> tuple[str, dict[str, torch.Tensor]]:
+                model = models.read(fold)
+                return model.progress.trained_on, model.tensors
+
+            kind = scorer_kind(settings, self.opened.graph.num_entities)
+            record = write_folds(run.path, self.folds, scorer, kind, part)
             metrics = msgspec.structs.replace(
                 metrics,
                 folds=record.count,
@@ -458,33 +387,56 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         run.finish(outputs, _model_card(self.opened, settings, metrics))
         return TrainedLinks(run.path, metrics.epochs, metrics)
 
-    def _cross_fit(
-        self, run: RunFolder[LinkProgress], metrics: LinkMetrics, report: Progress | None
+    def _train_folds(
+        self, run: RunFolder[LinkProgress], folds: Folds, seconds: float, report: Progress | None
     ) -> None:
-        """Train the models of all folds, and report their epochs as epochs of the run."""
-        assert self.folds is not None
-        settings = self.config.settings
-        num_folds = self.folds.count
-        everything = settings.epochs * (1 + num_folds)
+        """Train all missing fold models: for each fold, a model of the remaining train recipes.
+
+        Args:
+            run: the run's folder.
+            folds: the folds and the training recipes.
+            seconds: duration of the main training, which decides whether more processes are worth
+                their start.
+            report: called with the epochs of the main model and of all folds.
+
+        Raises:
+            TrainingError: if a loss is not finite, or a process dies.
+            KeyboardInterrupt: after Ctrl-C.
+        """
+        # The number of epochs is decided; validation triples belong to the main model.
+        settings = replace(self.config.settings, eval_every=0, folds=0)
+        graph = folds.split.graph
+        jobs = [
+            _Job(run.path, fold, settings, graph, folds.triples([fold]), self.outside)
+            for fold in range(folds.count)
+        ]
+        # Models that an interrupted run has finished, with the same triples and epochs, are not
+        # trained again.
+        waiting = not_done(jobs, fold_models(run.path))
+        epochs = {job.fold: settings.epochs for job in jobs}
+        epochs.update({job.fold: 0 for job in waiting})
         reported = set[int]()
 
-        def after_epoch(done: int, total: int) -> None:
+        def note(fold: int | None = None, epoch: int = 0) -> None:
             if run.interrupted.is_set():
                 raise KeyboardInterrupt
+            # Without a fold, only to let the user interrupt the training.
+            if fold is not None:
+                epochs[fold] = epoch
+            num_epochs = sum(epochs.values())
             # Called while no epoch ends, too; each number is reported once.
-            if report and done not in reported:
-                reported.add(done)
-                fold = min(1 + done * num_folds // total, num_folds)
-                report(everything - total + done, everything, {"fold": fold, "folds": num_folds})
+            if report and num_epochs not in reported:
+                reported.add(num_epochs)
+                total = settings.epochs * (1 + folds.count)
+                figures = {
+                    "fold": min(1 + num_epochs // settings.epochs, folds.count),
+                    "folds": folds.count,
+                }
+                report(settings.epochs + num_epochs, total, figures)
 
-        train_folds(
-            run.path,
-            self.folds,
-            settings,
-            self.outside,
-            seconds=metrics.seconds,
-            after_epoch=after_epoch,
-        )
+        # On a GPU, several processes would share one device.
+        is_long = seconds >= LONG and torch.device(settings.device).type == "cpu"
+        train_jobs(waiting, settings.threads, note, is_long=is_long)
 
     @classmethod
     def outcome(cls, files: RunFiles) -> TrainedLinks:  # noqa: D102 - inherited

@@ -55,6 +55,11 @@ class TableInfo(Record, frozen=True, kw_only=True):
     role: Role
     phrase: str
 
+    def words(self, row: str, column: str) -> str:
+        """Return the phrase with the labels of a cell's row and column."""
+        places = ("{a}", "{b}") if self.role == "pair" else ("{ingredient}", "{result}")
+        return self.phrase.replace(places[0], row).replace(places[1], column)
+
 
 class KnowledgeRecord(Record, frozen=True, kw_only=True):
     """The file ``knowledge.json``.

@@ -260,7 +260,7 @@ def _table_evidence(knowledge: KnowledgeTables) -> _Source:
                 value = float(table[row, column])
                 strength = (value - mean) / deviation
                 if value > 0 and strength >= STANDS_OUT:
-                    text = _phrase(info, entities[row], entities[column])
+                    text = info.words(entities[row], entities[column])
                     evidence.append((strength, OutsideEvidence(source, text, value)))
         evidence.sort(key=lambda pair: -pair[0])
         return [piece for _, piece in evidence]
@@ -276,12 +276,6 @@ def _cells(info: TableInfo, slots: _Slots) -> Iterator[tuple[int, int]]:
     for row, column in dict.fromkeys(cells):
         if row is not None and column is not None:
             yield row, column
-
-
-def _phrase(info: TableInfo, row: str, column: str) -> str:
-    """Return a table's phrase with two labels in it."""
-    names = ("{a}", "{b}") if info.role == "pair" else ("{ingredient}", "{result}")
-    return info.phrase.replace(names[0], row).replace(names[1], column)
 
 
 def _fact_evidence(files: RunFiles, knowledge: KnowledgeTables) -> _Source:

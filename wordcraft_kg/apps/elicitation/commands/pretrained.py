@@ -1,5 +1,6 @@
 """``wordcraft-kg encode`` and ``wordcraft-kg elicit``."""
 
+from itertools import chain
 from pathlib import Path
 
 from wordcraft_kg.base import check_output, whole
@@ -48,9 +49,7 @@ def encode(
     check_output(folder, force=force)
     check_extra("text")
     # Each label once, in order: books share entities, and a vector belongs to a label.
-    every: dict[str, None] = {}
-    for source in graphs:
-        every |= dict.fromkeys(source.entities)
+    every = dict.fromkeys(chain.from_iterable(source.entities for source in graphs))
     for label in split_labels(labels or []):
         every[check_label(label, "`labels`")] = None
     names = list(every)

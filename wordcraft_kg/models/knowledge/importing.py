@@ -22,11 +22,6 @@ from wordcraft_kg.base import (
     stage,
 )
 from wordcraft_kg.graphs import RELATIONS, OpenedGraph, is_in
-from wordcraft_kg.models.knowledge.alignment import (
-    Alignment,
-    align,
-    with_overrides,
-)
 from wordcraft_kg.models.knowledge.knowledge_folder import (
     FACTS,
     TRIPLES,
@@ -34,11 +29,18 @@ from wordcraft_kg.models.knowledge.knowledge_folder import (
     KnowledgeTables,
     write_knowledge,
 )
-from wordcraft_kg.models.knowledge.network import Network
-from wordcraft_kg.models.knowledge.paths import make_tables, with_descriptions
-from wordcraft_kg.models.knowledge.readers import HEADER, read_conceptnet, read_triples
-from wordcraft_kg.models.knowledge.surroundings import Surroundings
-from wordcraft_kg.models.knowledge.wordnet import read_wordnet
+from wordcraft_kg.models.knowledge.network import Alignment, Network, align, with_overrides
+from wordcraft_kg.models.knowledge.readers import (
+    HEADER,
+    read_conceptnet,
+    read_triples,
+    read_wordnet,
+)
+from wordcraft_kg.models.knowledge.surroundings import (
+    Surroundings,
+    make_tables,
+    with_descriptions,
+)
 from wordcraft_kg.models.scorers.score_limits import check_table
 
 COMMAND = "import-knowledge"
@@ -61,7 +63,7 @@ class Coverage(Record, frozen=True, kw_only=True):
     """Entities aligned by one method.
 
     Attributes:
-        method: see :class:`~wordcraft_kg.models.knowledge.alignment.Alignment`.
+        method: see :class:`~wordcraft_kg.models.knowledge.network.Alignment`.
         entities: number of entities.
         confidence: their mean confidence.
     """
@@ -258,10 +260,9 @@ def _alignment_rows(
     nodes = alignment.nodes.tolist()
     for entity, label in enumerate(entities):
         node = nodes[entity]
-        name = ""
-        meaning = ""
+        name = meaning = ""
         if node >= 0:
-            name = f"{network.prefix}:{network.nodes[node]}"
+            name = network.name_of(node)
             if network.glosses:
                 lemmas = ", ".join(network.lemmas[node])
                 meaning = f"{lemmas}: {network.glosses[node]}"
@@ -278,9 +279,7 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def _hashes(path: Path) -> dict[str, str]:
     """Return the hash of a file, or of each file in a folder, by name."""
-    files = [path]
-    if path.is_dir():
-        files = sorted(file for file in path.iterdir() if file.is_file())
+    files = sorted(filter(Path.is_file, path.iterdir())) if path.is_dir() else [path]
     return {file.name: sha256_of(file) for file in files}
 
 

@@ -6,7 +6,7 @@ in the other book as a test recipe does. The page docs/explanation/leaks.md says
 """
 
 from collections.abc import Iterable, Sequence
-from itertools import count
+from itertools import chain, count
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -240,14 +240,20 @@ def recipes_together(books: Sequence[OtherBook], labels: Iterable[str]) -> Ids:
     return ordered_recipes(np.concatenate(rows))
 
 
-def joined(books: Sequence[OtherBook], opened: OpenedGraph) -> tuple[OpenedGraph, dict[str, int]]:
-    """Return a graph with the recipes of all books as train recipes, and the id of each label."""
-    distinct: set[str] = set()
-    for book in books:
-        distinct.update(book.labels)
-    labels = sorted(distinct)
-    place = {label: row for row, label in enumerate(labels)}
+def joined(books: Sequence[OtherBook], opened: OpenedGraph) -> tuple[OpenedGraph, Ids]:
+    """Return a graph with the recipes of all books as train recipes, and ids of the own entities.
+
+    Args:
+        books: other books, whose labels begin with the graph's.
+        opened: the graph.
+
+    Returns:
+        the joint graph; and the joint ids of the graph's entities, shape (E,).
+    """
+    labels = sorted(set(chain.from_iterable(book.labels for book in books)))
     recipes = recipes_together(books, labels)
     graph = RecipeGraph(labels, recipes, [], name=f"books for {opened.graph.name}")
     split = make_split(graph, SplitConfig("none"))
-    return OpenedGraph(graph, split, opened.source), place
+    place = {label: row for row, label in enumerate(labels)}
+    own = np.array([place[label] for label in opened.graph.entities])
+    return OpenedGraph(graph, split, opened.source), own

@@ -544,15 +544,13 @@ def _model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetric
     else:
         sample = describe_train_sample(settings.train_fraction, settings.label_noise)
         training_data = f"the triples of {sample or 'the train recipes'} only."
-    facts = training_facts(settings, metrics).items()
-    points = ["", *(f"{name}: {text}" for name, text in facts)]
     usage = "; `scorer.probability` returns probabilities for triples outside training"
     return scorer_card(
         opened,
         f"{name} on the {settings.kg} knowledge graph of {opened.graph.name}",
         "Scores triples (head, relation, tail) with the relations `combinesWith` and "
         f"`componentOf`. Trained on {training_data}",
-        points,
+        training_facts(settings, metrics),
         "`config.toml` reproduces the training; `run.json` records all versions. For the quality "
         "on unseen triples, "
         "run\n"

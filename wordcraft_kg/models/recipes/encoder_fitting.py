@@ -93,15 +93,6 @@ class _Network(nn.Module):
         self.made_ids = zeros(size, plan.made)
         self.bias_ids = zeros(size, 1)
 
-    def entity_parameters(self) -> list[nn.Parameter]:
-        """Return the vectors of single entities, whose gradients are sparse."""
-        return [self.used_ids, self.made_ids, self.bias_ids]
-
-    def shared_parameters(self) -> list[nn.Parameter]:
-        """Return the parameters that all entities share."""
-        single = {id(parameter) for parameter in self.entity_parameters()}
-        return [parameter for parameter in self.parameters() if id(parameter) not in single]
-
     def as_used(self, vectors: Tensor, ids: Tensor, keep: Tensor) -> Tensor:
         """Return the vectors h of ingredients.
 
@@ -231,14 +222,6 @@ class _Draws:
         self.result_ends = torch.from_numpy(np.cumsum(self.of_results))
         self.use_ends = torch.from_numpy(np.cumsum(use_probs))
 
-    def results(self, number: int, generator: torch.Generator) -> Tensor:
-        """Return ids of results, shape (number,)."""
-        return _drawn(self.result_ends, number, generator)
-
-    def used(self, number: int, generator: torch.Generator) -> Tensor:
-        """Return ids of ingredients, shape (number,)."""
-        return _drawn(self.use_ends, number, generator)
-
     def log_expected(self, batch: int, sampled: int) -> Tensor:
         """Return the log of how often a step has each result, shape (T,), at most 0."""
         expected = batch * self.share + sampled * self.of_results
@@ -332,12 +315,13 @@ def fit_encoder(
     rows = torch.from_numpy(recipes)
     log_expected = draws.log_expected(batch, plan.sampled).to(device)
     steps = len(recipes) // batch
+    # Vectors of single entities have sparse gradients.
+    single = [network.used_ids, network.made_ids, network.bias_ids]
+    shared = [part for name, part in network.named_parameters() if not name.endswith("_ids")]
     optimizers: list[torch.optim.Optimizer] = [
-        torch.optim.AdamW(
-            network.shared_parameters(), lr=plan.rate, weight_decay=plan.weight_decay, fused=True
-        ),
+        torch.optim.AdamW(shared, lr=plan.rate, weight_decay=plan.weight_decay, fused=True),
         # Most entities are in no batch: their vectors rest.
-        torch.optim.SparseAdam(network.entity_parameters(), lr=plan.rate),
+        torch.optim.SparseAdam(single, lr=plan.rate),
     ]
     total = steps * plan.epochs
     num_steps = 0
@@ -399,7 +383,7 @@ def _loss(
     first, second, results = recipes.unbind(1)
     # Corrupted pairs: one ingredient stays in half of them, none in the others.
     corrupted = plan.corrupted * batch
-    corrupting_ids = draws.used(2 * corrupted, generator)
+    corrupting_ids = _drawn(draws.use_ends, 2 * corrupted, generator)
     first_corrupted, second_corrupted = corrupting_ids.view(2, corrupted)
     stays = torch.arange(corrupted)[: corrupted // 2]
     source_rows = stays % batch
@@ -407,7 +391,7 @@ def _loss(
     first_corrupted[stays] = torch.where(keeps_first, first[source_rows], second[source_rows])
     pairs = torch.cat([first, first_corrupted, second, second_corrupted])
     used_ids, pair_places = pairs.unique(return_inverse=True)
-    sampled = draws.results(plan.sampled, generator)
+    sampled = _drawn(draws.result_ends, plan.sampled, generator)
     made_ids, result_places = torch.cat([results, sampled]).unique(return_inverse=True)
     right = result_places[:batch].to(device)
     drawn_used = torch.rand(len(used_ids), 1, generator=generator)

@@ -57,9 +57,7 @@ def extended(
             have another shape.
         RecipeFileError: if a label is invalid.
     """
-    main = whole_of(scorer)
-    if not isinstance(main, RecipeScorer):
-        raise _other_kind(scorer)
+    main = _recipe_scorer(scorer)
     checked = [check_label(label, "a new entity") for label in labels]
     entities = (*main.entities, *checked)
     if len(set(entities)) < len(entities):
@@ -127,11 +125,7 @@ def _wider_tables(tables: Tensor, shares: Tensor) -> Tensor:
 
     A new entity has the mean scores of the old ones in ``shares``, shape (T, size).
     """
-    wider = []
-    for table in tables:
-        means = shares @ table.float() @ shares.T
-        wider.append(means.half())
-    return torch.stack(wider)
+    return torch.stack([(shares @ table.float() @ shares.T).half() for table in tables])
 
 
 class LabelledScorer(NamedTuple):
@@ -163,21 +157,24 @@ def for_labels(folder: str | Path, scorer: Scorer, labels: Sequence[str]) -> Lab
         UnknownEntityError: if there are new labels, and the model uses no words.
         ArtefactError: if the folder is damaged, or the word vectors have changed.
     """
-    main = whole_of(scorer)
+    main = _recipe_scorer(scorer)
     num_trained = len(main.entities)
     ids = ids_among(main.entities, labels)
     new = [label for label, row in zip(labels, ids.tolist(), strict=True) if row >= num_trained]
-    if new:
-        labelled = with_words(folder, scorer, new, allow_missing=True)
-        return LabelledScorer(labelled, num_trained, ids)
-    if not isinstance(main, RecipeScorer):
-        raise _other_kind(scorer)
-    return LabelledScorer(main, num_trained, ids)
+    labelled = with_words(folder, scorer, new, allow_missing=True) if new else main
+    return LabelledScorer(labelled, num_trained, ids)
 
 
-def _other_kind(scorer: Scorer) -> ConfigError:
-    """Return the error for a scorer that is no recipe scorer."""
-    return ConfigError(
+def _recipe_scorer(scorer: Scorer) -> RecipeScorer:
+    """Return a recipe scorer, of a cross-fitted one that of all folds.
+
+    Raises:
+        ConfigError: for a scorer of another kind.
+    """
+    main = whole_of(scorer)
+    if isinstance(main, RecipeScorer):
+        return main
+    raise ConfigError(
         f"{scorer.name} is not a recipe scorer; expected a model from `wordcraft-kg train-recipes`."
     )
 

@@ -21,7 +21,6 @@ from wordcraft_kg.graphs import COMBINES_WITH, RELATIONS, Entity, OpenedGraph, R
 from wordcraft_kg.models.knowledge.books import open_other_book
 from wordcraft_kg.models.knowledge.knowledge_folder import (
     FACTS,
-    KNOWLEDGE,
     TABLES,
     KnowledgeTables,
     TableInfo,
@@ -171,11 +170,11 @@ class OutsideEvidenceFinder:
 
     def _find(self, slots: _Slots) -> tuple[OutsideEvidence, ...]:
         by_source = [source(slots) for source in self._sources]
-        # In turns: the strongest evidence of each source, then the second of each.
-        pieces = chain.from_iterable(zip_longest(*by_source))
-        # None where a source has no more; each piece once, at its first place.
-        distinct = dict.fromkeys(piece for piece in pieces if piece is not None)
-        return tuple(islice(distinct, LIMIT))
+        # In turns: the strongest evidence of each source, then the second of each; None where a
+        # source has no more.
+        pieces = filter(None, chain.from_iterable(zip_longest(*by_source)))
+        # Each piece once, at its first place.
+        return tuple(islice(dict.fromkeys(pieces), LIMIT))
 
     @cached_property
     def _sources(self) -> list[_Source]:
@@ -183,10 +182,8 @@ class OutsideEvidenceFinder:
         sources: list[_Source] = []
         for spec in self._settings.with_:
             try:
-                if (Path(spec) / KNOWLEDGE).is_file():
-                    sources += self._folder_sources(spec)
-                elif is_book(spec):
-                    sources.append(self._book_source(spec))
+                open_source = self._book_source if is_book(spec) else self._folder_source
+                sources.append(open_source(spec))
             except WordCraftKGError as error:
                 logging.getLogger(__name__).warning("no evidence from '%s': %s", spec, error)
         return sources
@@ -196,15 +193,15 @@ class OutsideEvidenceFinder:
         if sha256 not in self._hashes:
             raise ArtefactError("the source has changed since the model was trained.")
 
-    def _folder_sources(self, spec: str) -> list[_Source]:
-        """Return a folder's evidence as one source: its facts, then cells of its tables."""
+    def _folder_source(self, spec: str) -> _Source:
+        """Return a folder's evidence: its facts, then cells of its tables."""
         files = knowledge_files(spec)
         self._check(files.run.outputs[TABLES])
         knowledge = read_knowledge(spec).of_entities(self._opened.graph.entities)
         parts = [_table_evidence(knowledge)]
         if FACTS in files.run.outputs:
             parts.insert(0, _fact_evidence(files, knowledge))
-        return [lambda slots: [piece for part in parts for piece in part(slots)]]
+        return lambda slots: [piece for part in parts for piece in part(slots)]
 
     def _book_source(self, spec: str) -> _Source:
         # As in the training: a zero-shot scorer may use recipes of the train part.

@@ -517,7 +517,6 @@ def _model_card(opened: OpenedGraph, metrics: RecipeMetrics, without: Sequence[s
         training_data = f"recipes that are not in {', '.join(without)}."
     if metrics.kg == "none":
         training_data = "outside knowledge only: this book's recipes are unseen."
-    points = ["", *(f"{name}: {text}" for name, text in metrics.facts().items())]
     # Any recipe serves as an example that runs.
     a, b, result = opened.graph.recipe_labels()[0]
     return scorer_card(
@@ -525,7 +524,7 @@ def _model_card(opened: OpenedGraph, metrics: RecipeMetrics, without: Sequence[s
         f"A recipe scorer of the {metrics.kg} knowledge graph of {opened.graph.name}",
         "Scores recipes, `score_recipes(a, b, result)`, and triples with the relations "
         f"`combinesWith` and `componentOf`. Fitted on {training_data}",
-        points,
+        metrics.facts(),
         "`config.toml` reproduces the training; `run.json` records all versions. For the quality "
         "on unseen triples, run\n`wordcraft-kg evaluate-links`.",
         [

@@ -293,7 +293,7 @@ class SetsTraining(FitsTraining):
             f"A scorer of recipes as sets of the {metrics.kg} knowledge graph of {graph.name}",
             "Ranks sets of one to eight ingredients for a goal, and scores any set, "
             f"with probabilities. Fitted on {data}",
-            ["", *(f"{name}: {text}" for name, text in metrics.facts().items())],
+            metrics.facts(),
             "`config.toml` reproduces the training; `run.json` records all versions.",
             [f"scorer.recipes({goal!r}, 5)  # sets of ids, with probabilities"],
         )

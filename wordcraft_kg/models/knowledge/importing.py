@@ -167,7 +167,6 @@ def import_knowledge(
     )
     # Half precision: the tables of all pairs are by far the largest files of a folder.
     halves = tuple(torch.from_numpy(values).half() for _, values in tables)
-    knowledge = KnowledgeTables(record, halves)
     view = ImportedKnowledge(
         out=str(out),
         source=network.source,
@@ -187,12 +186,10 @@ def import_knowledge(
         ALIGNMENT: _table(_COLUMNS, _alignment_rows(network, alignment, entities)),
         "README.md": _card(view, opened, kind),
     }
-    inputs = {
-        "graph": opened.graph.hash,
-        **_hashes(path),
-    }
+    inputs = {"graph": opened.graph.hash, **_hashes(path)}
     if overrides is not None:
         inputs["overrides"] = sha256_of(overrides)
+    knowledge = KnowledgeTables(record, halves)
     write_knowledge(out, COMMAND, knowledge, inputs=inputs, files=files, force=force)
     return view
 
@@ -257,17 +254,13 @@ def _alignment_rows(
 ) -> list[Sequence[str]]:
     """Return the lines of ``alignment.tsv``, in columns."""
     rows = list[Sequence[str]]()
-    nodes = alignment.nodes.tolist()
-    for entity, label in enumerate(entities):
-        node = nodes[entity]
-        name = meaning = ""
-        if node >= 0:
-            name = network.name_of(node)
-            if network.glosses:
-                lemmas = ", ".join(network.lemmas[node])
-                meaning = f"{lemmas}: {network.glosses[node]}"
-        confidence = f"{alignment.confidences[entity]:.3f}"
-        rows.append((label, name, alignment.methods[entity], confidence, meaning))
+    columns = (entities, alignment.nodes, alignment.methods, alignment.confidences)
+    for label, node, method, confidence in zip(*columns, strict=True):
+        name = network.name_of(node) if node >= 0 else ""
+        meaning = ""
+        if node >= 0 and network.glosses:
+            meaning = f"{', '.join(network.lemmas[node])}: {network.glosses[node]}"
+        rows.append((label, name, method, f"{confidence:.3f}", meaning))
     return rows
 
 

@@ -99,10 +99,8 @@ class KnowledgeTables:
         # Missing labels have the row and the column behind the last, of zeros.
         ids = [row_of.get(label, len(row_of)) for label in entities]
         rows = torch.tensor(ids, dtype=torch.int64)
-        tables = []
-        for table in self.tables:
-            with_zeros = torch.nn.functional.pad(table, (0, 1, 0, 1))
-            tables.append(with_zeros[rows[:, None], rows])
+        with_zeros = (torch.nn.functional.pad(table, (0, 1, 0, 1)) for table in self.tables)
+        tables = [table[rows[:, None], rows] for table in with_zeros]
         record = msgspec.structs.replace(self.record, entities=tuple(entities))
         return KnowledgeTables(record, tuple(tables))
 
@@ -173,15 +171,13 @@ def read_knowledge(folder: str | Path) -> KnowledgeTables:
     tensors = files.tensors(TABLES)
     size = len(record.entities)
     names = [info.name for info in record.tables]
-    shape = (size, size)
-    has_shape = all(tensor.shape == shape for tensor in tensors.values())
+    has_shape = all(tensor.shape == (size, size) for tensor in tensors.values())
     if set(names) != set(tensors) or not has_shape:
         raise ArtefactError(
             f"{files.folder / TABLES} does not hold the tables in {KNOWLEDGE}, with {size} rows "
             "and columns. Make the folder again."
         )
-    tables = tuple(tensors[name].half() for name in names)
-    return KnowledgeTables(record, tables)
+    return KnowledgeTables(record, tuple(tensors[name].half() for name in names))
 
 
 def knowledge_files(folder: str | Path) -> RunFiles:

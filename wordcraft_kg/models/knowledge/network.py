@@ -76,10 +76,8 @@ class Network:
             yield before + singular
         for ending, replacement in _ENDINGS.items():
             # A stem of one letter is no word: as is no plural of a.
-            shortest = len(ending) + 2
-            if last.endswith(ending) and len(last) >= shortest:
-                stem = last.removesuffix(ending)
-                yield before + stem + replacement
+            if last.endswith(ending) and len(last) >= len(ending) + 2:
+                yield before + last.removesuffix(ending) + replacement
 
     def base_form(self, word: str) -> str:
         """Return a word's base form, or the word if the network has no spelling for any."""
@@ -258,10 +256,9 @@ def with_overrides(
     nodes = alignment.nodes.copy()
     confidences = alignment.confidences.copy()
     methods = list(alignment.methods)
-    numbers = {}
     # A general graph has millions of nodes: no table of them without need.
-    if overrides:
-        numbers = {name: node for node, name in enumerate(network.nodes)}
+    names = network.nodes if overrides else ()
+    numbers = {name: node for node, name in enumerate(names)}
     for label, name in overrides.items():
         if label not in entities:
             raise KnowledgeFileError(
@@ -286,12 +283,9 @@ def with_overrides(
 def _joined(network: Network, entities: Sequence[str]) -> dict[str, str]:
     """Return spellings in several words by the label that joins them: "fire truck" by firetruck."""
     joined_labels = {plain(label).replace(" ", "") for label in entities}
-    joined = {}
-    for text in network.spellings:
-        short = text.replace(" ", "")
-        if " " in text and short in joined_labels:
-            joined[short] = text
-    return joined
+    spaced = (text for text in network.spellings if " " in text)
+    joined = ((text.replace(" ", ""), text) for text in spaced)
+    return {short: text for short, text in joined if short in joined_labels}
 
 
 def _spelling(label: str, network: Network, joined: dict[str, str]) -> tuple[str, str]:

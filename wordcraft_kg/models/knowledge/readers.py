@@ -13,6 +13,7 @@ Source: WordNet 3.0 manual, wndb(5).
 
 import csv
 from array import array
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, NamedTuple, TypeVar
@@ -184,21 +185,15 @@ class _Collected:
         # The names as bytes are no longer needed.
         self.nodes.clear()
         # Three numbers for each edge, one after another: head, relation and tail.
-        ids = np.frombuffer(self.ids, np.int32).reshape(-1, 3)
-        sums = np.frombuffer(self.weights, np.float32)
-        edges, weights = unique_edges(
-            ids.astype(np.int64),
-            sums.astype(np.float64),
-            (len(nodes), len(relations)),
-        )
+        ids = np.frombuffer(self.ids, np.int32).reshape(-1, 3).astype(np.int64)
+        sums = np.frombuffer(self.weights, np.float32).astype(np.float64)
+        edges, weights = unique_edges(ids, sums, (len(nodes), len(relations)))
         spellings: dict[str, tuple[int, ...]] = {}
         for node, name in enumerate(nodes):
             # ConceptNet's names are folded already, which :func:`plain` would do again for
             # millions.
-            if prefix == "other":
-                text = plain(name)
-            else:
-                text = name.replace("_", " ").replace("'", "")
+            is_folded = prefix == "cn"
+            text = name.replace("_", " ").replace("'", "") if is_folded else plain(name)
             spellings[text] = (*spellings.get(text, ()), node)
         return Network(source, prefix, nodes, relations, edges, np.log1p(weights), spellings)
 
@@ -296,12 +291,10 @@ def read_wordnet(folder: Path) -> Network:
             synsets.append(synset)
             origins.append((name, number))
     edges = _edges(folder, nodes, synsets, origins)
-    senses = _senses(folder, nodes, synsets)
-    spellings: dict[str, list[int]] = {}
-    for lemma, senses_of_lemma in senses.items():
-        # Several lemmas may have one plain spelling, such as x-ray and x_ray.
-        spelled = spellings.setdefault(plain(lemma), [])
-        spelled += [node for node in senses_of_lemma if node not in spelled]
+    # Several lemmas may have one plain spelling, such as x-ray and x_ray.
+    spellings = defaultdict[str, dict[int, None]](dict)
+    for lemma, senses in _senses(folder, nodes, synsets).items():
+        spellings[plain(lemma)] |= dict.fromkeys(senses)
     plurals = _parsed(folder, "noun.exc", _exception, "a plural that has a base form")
     return Network(
         source="WordNet",
@@ -310,7 +303,7 @@ def read_wordnet(folder: Path) -> Network:
         relations=_RELATIONS,
         edges=edges,
         weights=np.ones(len(edges)),
-        spellings=spellings,
+        spellings={text: list(senses) for text, senses in spellings.items()},
         exceptions={plural: singulars for _, (plural, singulars) in plurals},
         lemmas=[synset.lemmas for synset in synsets],
         glosses=[synset.gloss for synset in synsets],
@@ -328,14 +321,13 @@ def _edges(
     rows = []
     for node, synset in enumerate(synsets):
         for relation, target in synset.pointers:
+            letter, offset = target
             if target in nodes:
                 ends = (node, nodes[target])
                 head, tail = sorted(ends) if relation in _SYMMETRIC_POINTERS else ends
                 rows.append((head, relation, tail))
-                continue
-            letter, offset = target
             # Otherwise the folder lacks this part of speech.
-            if letter in letters:
+            elif letter in letters:
                 problem = f"synset {offset}-{letter} does not exist"
                 raise _wordnet_fault(folder, *origins[node], problem)
     # Without pointers, the reshape makes three columns all the same.

@@ -208,9 +208,7 @@ def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLo
             f"`model` {config.model!r}: PyKEEN cannot build this model for a recipe graph "
             f"({error!r})."
         ) from None
-    settings: dict[str, Any] = {}
-    if not is_softmax:
-        settings["negative_sampler_kwargs"] = {"num_negs_per_pos": config.negatives}
+    negatives = {"negative_sampler_kwargs": {"num_negs_per_pos": config.negatives}}
     return training_loop_resolver.lookup("symmetriclcwa" if is_softmax else "slcwa")(
         model=model,
         triples_factory=factory,
@@ -219,7 +217,7 @@ def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLo
         automatic_memory_optimization=model.device.type == "cuda",
         optimizer="Adam",
         optimizer_kwargs={"lr": config.learning_rate},
-        **settings,
+        **({} if is_softmax else negatives),
     )
 
 

@@ -35,8 +35,8 @@ class MatmulComplExInteraction(ComplExInteraction):
             t: shape: ``(*batch, d)``, complex. Tail embeddings.
 
         Returns:
-            shape: ``batch``, float. The batch dimensions broadcast. If heads or tails have shape (1,
-            N, d) and the others (B, 1, d), the (B, N) scores cost one real matrix product.
+            shape: ``batch``, float. The batch dimensions broadcast. If heads or tails have shape
+            (1, N, d) and the others (B, 1, d), the (B, N) scores cost one real matrix product.
         """
         if _is_all(t) and _is_one(h) and _is_one(r):
             return _grid(h * r, t)

@@ -381,9 +381,8 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
                 fold_mrr=record.mrr,
                 fold_in_sample_mrr=record.in_sample_mrr,
             )
-            # The folds' metrics were not known when the file was first written.
-            write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
             outputs += FOLD_OUTPUTS
+        write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
         run.finish(outputs, _model_card(self.opened, settings, metrics))
         return TrainedLinks(run.path, metrics.epochs, metrics)
 
@@ -499,7 +498,7 @@ def _write_results(
     choice: Choice | None,
     outside: OutsideSummary | None,
 ) -> tuple[Scorer, LinkMetrics]:
-    """Write a trained model's scorer and metrics, also per epoch; return scorer and metrics."""
+    """Write a trained model's scorer and its metrics per epoch; return scorer and metrics."""
     model.eval()
     graph = train_sample.graph
     triples = train_sample.triples
@@ -530,7 +529,6 @@ def _write_results(
         choice=choice,
     )
     write_scorer(folder, kind, tensors, graph)
-    write_atomically(folder / "metrics.json", dump_json(as_values(metrics)))
     write_atomically(folder / "trace.jsonl", as_lines(trace))
     return scorer, metrics
 

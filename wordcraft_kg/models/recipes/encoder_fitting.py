@@ -394,10 +394,8 @@ def _loss(
     sampled = _drawn(draws.result_ends, plan.sampled, generator)
     made_ids, result_places = torch.cat([results, sampled]).unique(return_inverse=True)
     right = result_places[:batch].to(device)
-    drawn_used = torch.rand(len(used_ids), 1, generator=generator)
-    drawn_made = torch.rand(len(made_ids), 1, generator=generator)
-    keep_used = drawn_used >= plan.drop_used
-    keep_made = drawn_made >= plan.drop_made
+    keep_used = torch.rand(len(used_ids), 1, generator=generator) >= plan.drop_used
+    keep_made = torch.rand(len(made_ids), 1, generator=generator) >= plan.drop_made
     used_ids = used_ids.to(device)
     made_ids = made_ids.to(device)
 

@@ -203,16 +203,14 @@ def tables_alone(outside: LinkTables, words: Words) -> RecipeKnowledge:
         scaled = [torch.from_numpy(standardised(table.numpy(), None)) for table in tables]
         return torch.stack(scaled).float().mean(0) if scaled else torch.zeros(size, size)
 
-    pairs = mean(outside.pairs)
-    parts = mean(outside.parts)
+    tables = {COMBINES_WITH: mean(outside.pairs), COMPONENT_OF: mean(outside.parts)}
     no_recipes = np.empty((0, 3), dtype=np.int64)
     knowledge = RecipeKnowledge.of_recipes(no_recipes, words.vectors, words.near)
-    tables = {COMBINES_WITH: pairs, COMPONENT_OF: parts}
     # A ranker that adds two features with two hidden units: relu(x) - relu(-x) is x.
     signs = torch.tensor([1.0, -1.0])
     first = torch.zeros(len(FEATURES), 2)
-    for name in ("component_sum", "combines_pair"):
-        first[FEATURES.index(name)] = signs
+    first[FEATURES.index("component_sum")] = signs
+    first[FEATURES.index("combines_pair")] = signs
     ranker = Ranker(first, torch.zeros(2), signs.clone(), torch.zeros(()))
     return knowledge.with_link_tables(tables).with_ranker(ranker)
 

@@ -1,11 +1,17 @@
 """Other books: their recipes without those that both books share, and word vectors for all labels.
 
+Word vectors are all that a scorer knows of an entity without any recipe. The page
+docs/explanation/recipe-scorer.md says how neighbours by words enter the features, and
+docs/outside-knowledge.md which vectors there are.
+
 Recipes that both books share are left out of the other book: a train recipe is in the train part
 already, and a test recipe must not be learned. So a held-out train recipe finds as little of itself
 in the other book as a test recipe does. The page docs/explanation/leaks.md says what this covers.
 """
 
+import logging
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from itertools import chain, count
 from typing import Literal, NamedTuple
 
@@ -24,9 +30,14 @@ from wordcraft_kg.graphs import (
     make_split,
     open_graph,
 )
-from wordcraft_kg.models.knowledge.words import words_of_books
-from wordcraft_kg.models.scorers.features import EntityFeatures
-from wordcraft_kg.models.scorers.neighbours.lists import ordered_recipes
+from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
+from wordcraft_kg.models.scorers.neighbours.lists import (
+    Lists,
+    Numbers,
+    make_lists,
+    nearest_words,
+    ordered_recipes,
+)
 from wordcraft_kg.models.scorers.score_limits import fitting_workers
 
 _DIM = 384
@@ -34,6 +45,91 @@ _DIM = 384
 REWORDED = 0.7
 """Cosine of word vectors from which a recipe of another book rewords a test recipe, for each of the
 three words."""
+
+MOST_MISSING = 0.5
+"""Largest share of labels without a word vector, over a graph and other books together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Words:
+    """What all fits share: word vectors and the nearest words.
+
+    Attributes:
+        vectors: shape (E, D), half: unit vectors as stored in a model; D is 0 without words.
+        near: shape (E, K_w), from
+            :func:`~wordcraft_kg.models.scorers.neighbours.lists.nearest_words`.
+    """
+
+    vectors: NDArray[np.float16]
+    near: Numbers
+
+    @classmethod
+    def of(cls, features: EntityFeatures) -> "Words":
+        """Round unit vectors as a model stores them, and find the nearest words."""
+        rounded = features.unit_vectors.astype(np.float16)
+        return cls(rounded, nearest_words(rounded.astype(np.float32)))
+
+    def lists(self, recipes: Ids) -> Lists:
+        """Return the lists of recipes, ids (n, 3)."""
+        return make_lists(recipes, self.vectors.astype(np.float32), self.near)
+
+
+def word_features(
+    spec: str,
+    labels: Sequence[str],
+    *,
+    allow_missing: bool = False,
+) -> EntityFeatures:
+    """Return the word vectors of labels, of length 0 for one-hot.
+
+    One-hot vectors are no words: E x E numbers would say nothing, at the cost of all pairs.
+
+    Args:
+        spec: word vectors, as for :func:`~wordcraft_kg.models.scorers.features.make_features`.
+        labels: the E labels.
+        allow_missing: use zeros for labels without a vector.
+
+    Raises:
+        ConfigError: if the vectors do not fit the labels.
+        ArtefactError: for a folder of vectors that is damaged, or was not written by ``encode``.
+    """
+    if spec != "one-hot":
+        return make_features(spec, labels, allow_missing=allow_missing)
+    nothing = np.zeros((len(labels), 0), dtype=np.float32)
+    is_known = np.ones(len(labels), dtype=bool)
+    return EntityFeatures("one-hot", nothing, is_known, (), (), is_one_hot=True)
+
+
+def words_of_books(
+    features: str,
+    labels: Sequence[str],
+    *,
+    allow_missing: bool = False,
+) -> EntityFeatures:
+    """Return word vectors for the labels of a graph and of other books.
+
+    A large book has names and numbers that no vectors know. They may be more than in the graph
+    itself: the book's other entities still help.
+
+    Args:
+        features: word vectors.
+        labels: all labels.
+        allow_missing: use zeros for any number of labels without a vector.
+
+    Raises:
+        ConfigError: if most labels have no vector, and ``allow_missing`` is False.
+    """
+    vectors = word_features(features, labels, allow_missing=True)
+    missing = int((~vectors.known).sum())
+    if missing <= MOST_MISSING * len(labels):
+        if missing:
+            logging.getLogger(__name__).info(
+                "%s of %s labels of all books have no word vector.",
+                f"{missing:,}",
+                f"{len(labels):,}",
+            )
+        return vectors
+    return word_features(features, labels, allow_missing=allow_missing)
 
 
 class OutsideSource(Record, frozen=True, kw_only=True):

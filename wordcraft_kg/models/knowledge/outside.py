@@ -28,6 +28,7 @@ from wordcraft_kg.graphs import (
 from wordcraft_kg.models.knowledge.books import (
     OtherBook,
     OutsideSource,
+    Words,
     joined,
     open_other_book,
     with_words_of,
@@ -38,7 +39,6 @@ from wordcraft_kg.models.knowledge.knowledge_folder import (
     knowledge_files,
     read_knowledge,
 )
-from wordcraft_kg.models.knowledge.words import Words
 from wordcraft_kg.models.scorers.neighbours.links import CELLS, link_features
 from wordcraft_kg.models.scorers.score_limits import check_table
 

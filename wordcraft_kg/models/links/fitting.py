@@ -404,19 +404,14 @@ def _reciprocal_ranks(
     model = fit(
         settings, triples_factory(graph, trained_on, outside), after_epoch, graph.num_entities
     )
-    sums = []
+    scorers: list[Scorer] = []
     for weight in POPULARITY:
         popular = replace(settings, popularity=weight)
         tensors = scorer_tensors(popular, model, trained_on, graph.num_entities)
-        scorer = make_scorer(*tensors, graph.entities, graph.hash)
-        sums.append(_sum_of_reciprocal_ranks(scorer, queries, graph))
-    sums.append(_sum_of_reciprocal_ranks(FrequencyScorer(graph, trained_on), queries, graph))
-    return np.array(sums)
-
-
-def _sum_of_reciprocal_ranks(scorer: Scorer, queries: Ids, graph: RecipeGraph) -> float:
-    ranks = rank_triples(scorer, queries, graph.triples)
-    return float((1 / ranks["rank"]).sum())
+        scorers.append(make_scorer(*tensors, graph.entities, graph.hash))
+    scorers.append(FrequencyScorer(graph, trained_on))
+    ranks = [rank_triples(scorer, queries, graph.triples)["rank"] for scorer in scorers]
+    return np.array([float((1 / rank).sum()) for rank in ranks])
 
 
 def split_of_train(split: Split, held_out: float, seed: int, recipes: Ids | None = None) -> Split:

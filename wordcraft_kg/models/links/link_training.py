@@ -471,12 +471,7 @@ def _check_fit(opened: OpenedGraph, settings: LinkSettings, num_nodes: int) -> N
             "the graph with such a part, for example `train_ratio` 0.8 and `valid_ratio` 0.1."
         )
     check_device(settings.device)
-    _check_memory(opened, settings, num_nodes)
-
-
-def _check_memory(opened: OpenedGraph, settings: LinkSettings, num_nodes: int) -> None:
-    """Raise ConfigError for dimensions or negatives that cannot fit; models may need more."""
-    # 4 bytes a number; complex dimensions have two.
+    # Memory: models may need more. 4 bytes a number; complex dimensions have two.
     numbers = settings.dim * (2 if isinstance(settings, ComplExConfig) else 1)
     parameters = 4 * numbers * (num_nodes + len(RELATIONS))
     # Parameters, gradients and optimiser state.

@@ -153,10 +153,6 @@ class _Network(NamedTuple):
             _drawn(HIDDEN, fan=HIDDEN, generator=generator),
         )
 
-    def hidden(self, features: Tensor) -> Tensor:
-        """Return the hidden units, shape (n, H), for features, shape (n, F)."""
-        return torch.addmm(self.first_bias, features, self.first).relu_()
-
 
 class _Batch(NamedTuple):
     """Queries of a step. Most tables have fewer pairs than the widest: empty ones have no row.
@@ -207,7 +203,8 @@ def _set_gradients(networks: Sequence[_Network], batch: "_Batch") -> None:
     # A product for each network takes half the time of one for all: its units fit into the
     # processor's cache.
     for row, network in zip(scores, networks, strict=True):
-        hidden = network.hidden(batch.features)
+        # (n, H)
+        hidden = torch.addmm(network.first_bias, batch.features, network.first).relu_()
         row[batch.places] = hidden @ network.second
         units.append(hidden)
     scores = scores.view(-1, *shape)

@@ -38,8 +38,8 @@ from wordcraft_kg.graphs import (
     recipe_triples,
 )
 from wordcraft_kg.graphs.arrays import different_ingredients
+from wordcraft_kg.models.knowledge.books import Words
 from wordcraft_kg.models.knowledge.outside import NOTHING, LinkTables
-from wordcraft_kg.models.knowledge.words import Words
 from wordcraft_kg.models.recipes.committee import HIDDEN, LINKS, Examples, Schedule, fit_committee
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.links import CELLS, link_features, links_by_key

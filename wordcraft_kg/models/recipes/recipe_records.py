@@ -194,6 +194,7 @@ class FitsTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     Attributes:
         kind: the kind of run.
         fits: name of the parts of the training, for the message of an interruption.
+        num_fits: their number.
     """
 
     kind: ClassVar[RunKind[Any]] = RunKind(
@@ -205,11 +206,7 @@ class FitsTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     )
     config_type = RecipesConfig
     fits: ClassVar[str]
-
-    @property
-    @abstractmethod
-    def num_fits(self) -> int:
-        """Number of fits."""
+    num_fits: int
 
     @abstractmethod
     def inputs(self) -> dict[str, str]:

@@ -36,9 +36,15 @@ from wordcraft_kg.graphs import (
     open_graph,
     triples_hash,
 )
-from wordcraft_kg.models.knowledge.books import OtherBook, recipes_together, shared_recipes
+from wordcraft_kg.models.knowledge.books import (
+    OtherBook,
+    Words,
+    recipes_together,
+    shared_recipes,
+    word_features,
+    words_of_books,
+)
 from wordcraft_kg.models.knowledge.outside import LinkTables, is_book, join_books, open_outside
-from wordcraft_kg.models.knowledge.words import Words, word_features, words_of_books
 from wordcraft_kg.models.recipes.encoder_fitting import fit_encoder, fit_encoders
 from wordcraft_kg.models.recipes.fitting import (
     LeftOut,
@@ -291,6 +297,7 @@ class RecipesTraining(FitsTraining):
         check_device(settings.device)
         num_folds = self.folds.count if settings.kg == "partial" else 0
         self.every: list[LeftOut] = [(), *((fold,) for fold in range(num_folds))]
+        self.num_fits = len(self.every)
         encoders = len(encoders_of(self.folds, self.every)) if self.has_encoder else 0
         self.workers = fitting_workers(graph.num_entities, num_recipes, dim, cores(), encoders)
 
@@ -301,10 +308,6 @@ class RecipesTraining(FitsTraining):
         if trains_sets(config.settings, opened.graph):
             return SetsTraining(config, opened)
         return cls(config, opened)
-
-    @property
-    def num_fits(self) -> int:  # noqa: D102 - inherited
-        return len(self.every)
 
     def inputs(self) -> dict[str, str]:
         """Return the hashes of all inputs by name; two sources may have one name."""

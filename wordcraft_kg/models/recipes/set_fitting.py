@@ -185,14 +185,11 @@ def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks
     inputs = knowledge.inputs(goal_amounts, knowledge.words[knowledge.goal_ids])
     num_ingredients = len(knowledge.ingredient_ids)
     options = [np.flatnonzero(column) for column in lists.has_part.T]
-    width = max(map(len, options))
     # Padding is an ingredient behind the last, which is never allowed.
-    table = np.full((len(options), width), num_ingredients, dtype=np.int64)
-    for row, numbers in enumerate(options):
-        table[row, : len(numbers)] = numbers
+    table = _padded(options, num_ingredients).numpy()
     members_of_recipe = np.zeros((len(lists.recipe_goals), num_ingredients + 1), dtype=bool)
-    rows, columns = np.nonzero(lists.sets[lists.recipe_sets] >= 0)
-    members_of_recipe[rows, lists.sets[lists.recipe_sets][rows, columns]] = True
+    # The padding of sets, -1, is the last column, too.
+    np.put_along_axis(members_of_recipe, lists.sets[lists.recipe_sets], True, axis=1)
     is_allowed = np.zeros((len(goal_amounts), num_ingredients + 1), dtype=bool)
     is_allowed[:, :-1] = knowledge.allowed(goal_amounts)
     recipe, part = np.nonzero((goal_amounts[lists.recipe_goals] > 0) & knowledge.is_key)
@@ -336,9 +333,10 @@ def fit_order(lessons: Sequence[Candidates], fold_of_lesson: Ids, seed: int) -> 
     return FittedOrder(committee, mean, deviation, tuple(calibrations), top)
 
 
-def _padded(rows: Sequence[NDArray[Any]]) -> Tensor:
-    """Return arrays of different lengths as one tensor, zeros behind the shorter ones."""
-    return pad_sequence([torch.from_numpy(row) for row in rows], batch_first=True)
+def _padded(rows: Sequence[NDArray[Any]], padding: int = 0) -> Tensor:
+    """Return arrays of different lengths as one tensor, with padding behind the shorter ones."""
+    tensors = [torch.from_numpy(row) for row in rows]
+    return pad_sequence(tensors, batch_first=True, padding_value=padding)
 
 
 def _calibrated(scores: Tensor, wrong: Tensor, has_right: Tensor) -> Tensor:

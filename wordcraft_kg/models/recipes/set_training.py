@@ -23,6 +23,7 @@ from wordcraft_kg.graphs import (
     OpenedGraph,
     RecipeGraph,
 )
+from wordcraft_kg.models.knowledge.books import word_features
 from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.recipe_records import (
     FIT,
@@ -35,7 +36,7 @@ from wordcraft_kg.models.recipes.recipe_records import (
 )
 from wordcraft_kg.models.recipes.set_fitting import FittedSets, fit_sets, folds_of_recipes
 from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
-from wordcraft_kg.models.scorers.features import make_features, named
+from wordcraft_kg.models.scorers.features import named
 from wordcraft_kg.models.scorers.scorer_folder import (
     FOLDS_RECORD,
     FOLDS_TENSORS,
@@ -86,10 +87,7 @@ def word_vectors(features: str, labels: Sequence[str], *, allow_missing: bool) -
         labels: labels of entities.
         allow_missing: whether labels may lack a vector.
     """
-    # Vectors of which no two are alike tell nothing.
-    if features == "one-hot":
-        return np.zeros((len(labels), 0), dtype=np.float32)
-    vectors = make_features(features, labels, allow_missing=allow_missing).unit_vectors
+    vectors = word_features(features, labels, allow_missing=allow_missing).unit_vectors
     return vectors.astype(np.float16).astype(np.float32)
 
 
@@ -165,6 +163,7 @@ class SetsTraining(FitsTraining):
         super().__init__(config, opened)
         settings = config.settings
         _check_settings(settings)
+        self.num_fits = settings.folds + 1
         self.source = settings.parts or NO_PARTS
         graph = opened.graph
         allow_missing = settings.allow_missing
@@ -197,10 +196,6 @@ class SetsTraining(FitsTraining):
                 f"{graph.name} has {num_goals} goals in train; expected {_FEWEST_GOALS} or more, "
                 "and as many as `folds`. Use a larger book."
             )
-
-    @property
-    def num_fits(self) -> int:  # noqa: D102 - inherited
-        return self.config.settings.folds + 1
 
     def inputs(self) -> dict[str, str]:  # noqa: D102 - inherited
         # The input `parts` also tells that a folder holds a model of sets.

@@ -9,10 +9,8 @@ The page docs/outside-knowledge.md says which graphs there are, and shows the al
 *WordNet, ConceptNet, any triples*.
 """
 
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +34,6 @@ _ENDINGS = {
 
 Source: WordNet 3.0 manual, morphy(7).
 """
-_WORD = re.compile(r"[a-z0-9]+")
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,35 +84,6 @@ class Network:
             if form in self.spellings:
                 return form
         return word
-
-    def definitions(self) -> list[list[str]]:
-        """The words of each gloss, in base forms."""
-        # The same words occur in most definitions.
-        base_form = cache(self.base_form)
-        words_of = [_WORD.findall(plain(gloss)) for gloss in self.glosses]
-        return [list(map(base_form, words)) for words in words_of]
-
-    def with_edges(self, relation: str, edges: Ids, weights: NDArray[np.float64]) -> "Network":
-        """Return a network with a further relation.
-
-        Args:
-            relation: name of the relation.
-            edges: its edges, shape (M', 2): head and tail.
-            weights: their weights, shape (M',).
-
-        Returns:
-            A new network.
-        """
-        heads, tails = edges.T
-        # The new relation gets the next id.
-        between = np.full(len(edges), len(self.relations))
-        rows = np.column_stack([heads, between, tails])
-        return replace(
-            self,
-            relations=(*self.relations, relation),
-            edges=np.concatenate([self.edges, rows]),
-            weights=np.concatenate([self.weights, weights]),
-        )
 
     def name_of(self, node: int) -> str:
         """Return a node's name with the network's prefix."""

@@ -13,6 +13,8 @@ import operator
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -46,6 +48,7 @@ MOST_FACTS = 5
 """Most facts about an entity."""
 # They explain nothing to a reader, or say what a thing is not.
 _NO_FACTS = ("relatedForm", "antonym", "attribute", "topic", "region", "similar", "pertainsTo")
+_WORD = re.compile(r"[a-z0-9]+")
 _WORD_BREAK = re.compile(r"(?<=[a-z])(?=[A-Z])|[_-]+")
 """Places between the words of a relation's name: partOf, part_of, part-of."""
 Triple = tuple[str, str, str]
@@ -147,9 +150,8 @@ class Surroundings:
 
         (relation,) = self._network.ids_of(IS_A)
         edges = self._network.edges
-        classes = nx.DiGraph()
+        classes = nx.DiGraph(edges[edges[:, 1] == relation][:, ::2].tolist())
         classes.add_nodes_from(self._labels)
-        classes.add_edges_from(edges[edges[:, 1] == relation][:, ::2].tolist())
         for node in self._labels:
             for ancestor in nx.descendants(classes, node):
                 yield node, relation, ancestor
@@ -192,9 +194,12 @@ def with_descriptions(network: Network, alignment: Alignment, entities: Sequence
     Returns:
         The network with the further relation :data:`DESCRIBED_BY`; the given one stays as it is.
     """
+    # The same words occur in most definitions.
+    base_form = cache(network.base_form)
+    definitions = [list(map(base_form, _WORD.findall(plain(gloss)))) for gloss in network.glosses]
     phrases = _phrases(network, alignment, entities)
     # Sorted, because sets have no order that is the same in every process.
-    mentions = sorted(_mentions(network.definitions(), phrases))
+    mentions = sorted(_mentions(definitions, phrases))
     # Without mentions, the reshape makes two columns all the same.
     edges = np.array(mentions, dtype=np.int64).reshape(-1, 2)
     num_nodes = len(network.nodes)
@@ -202,7 +207,15 @@ def with_descriptions(network: Network, alignment: Alignment, entities: Sequence
     counts = np.bincount(tail, minlength=num_nodes)
     log_counts = np.log1p(counts)
     weights = 1 - log_counts[tail] / np.log1p(num_nodes)
-    return network.with_edges(DESCRIBED_BY, edges, weights)
+    # The new relation gets the next id.
+    relations = np.full(len(edges), len(network.relations))
+    rows = np.column_stack([edges[:, 0], relations, tail])
+    return replace(
+        network,
+        relations=(*network.relations, DESCRIBED_BY),
+        edges=np.concatenate([network.edges, rows]),
+        weights=np.concatenate([network.weights, weights]),
+    )
 
 
 def _phrases(

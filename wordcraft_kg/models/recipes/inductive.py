@@ -87,9 +87,8 @@ def extended(
     tables = {name: constants[name] for name in LINK_TABLES if constants[name].numel()}
     # Only for books that are small enough for tables: shares of all pairs would take gigabytes.
     if tables:
-        shares = _shares_of_old(every.float(), size)
-        for name, table in tables.items():
-            tensors[name] = _wider_tables(table, shares.to(table.device))
+        shares = _shares_of_old(every.float(), size).to(main.device)
+        tensors |= {name: _wider_tables(table, shares) for name, table in tables.items()}
     return RecipeScorer(
         constants | tensors,
         entities,

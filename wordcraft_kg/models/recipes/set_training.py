@@ -307,9 +307,8 @@ def rows_of_sets(graph: RecipeGraph, is_used: Any) -> Ids:
     sets = graph.sets[is_used]
     rows = np.full((len(sets), MOST_INGREDIENTS + 1), NO_INGREDIENT, dtype=np.int64)
     ingredients = sets[:, :-1]
-    rows[:, : ingredients.shape[1]] = np.where(
-        ingredients == graph.num_entities, NO_INGREDIENT, ingredients
-    )
+    is_padding = ingredients == graph.num_entities
+    rows[:, : ingredients.shape[1]] = np.where(is_padding, NO_INGREDIENT, ingredients)
     rows[:, -1] = sets[:, -1]
     return rows
 

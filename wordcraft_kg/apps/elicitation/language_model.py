@@ -139,11 +139,9 @@ def prompts_text(prompts: tuple[Prompt, ...]) -> str:
 def read_rows(folder: Path, number: int) -> Tensor | None:
     """Return the rows of a part; None if they are not saved, or damaged."""
     file = folder / f"{number}.safetensors"
-    if not file.exists():
-        return None
     try:
         return read_tensors(file, read_large_file(file))["rows"]
-    except ArtefactError:  # cut short by a power failure
+    except ArtefactError:  # missing, or cut short by a power failure
         return None
 
 

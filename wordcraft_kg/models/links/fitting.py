@@ -17,7 +17,7 @@ docs/evidence/links.md#complex measures the choice.
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from itertools import count
+from itertools import count, product
 from typing import Any
 
 import numpy as np
@@ -183,20 +183,16 @@ class Epochs(TrainingCallback):
         if settings.eval_every and (is_end or epoch % settings.eval_every == 0):
             valid_mrr = self._validate()
         # The epoch's time includes its validation, but not checkpoints and trackers.
-        time_now = time.perf_counter()
-        seconds = time_now - self._clock
-        self._clock = time_now
-        row = TraceRow(epoch=epoch, loss=epoch_loss, valid_mrr=valid_mrr, seconds=round(seconds, 4))
-        self.trace.append(row)
+        seconds = round(time.perf_counter() - self._clock, 4)
+        metrics = {"loss": epoch_loss, "valid_mrr": valid_mrr, "seconds": seconds}
+        self.trace.append(
+            TraceRow(epoch=epoch, loss=epoch_loss, valid_mrr=valid_mrr, seconds=seconds)
+        )
         is_last = self.run.interrupted.is_set() or is_end
         if is_last or epoch % settings.checkpoint_every == 0:
             progress = LinkProgress(trace=tuple(self.trace))
             self.run.checkpoints.save(epoch, self._tensors(), progress)
-        metrics = {"loss": epoch_loss, "valid_mrr": valid_mrr, "seconds": row.seconds}
-        begun = time.perf_counter()
         self.log(epoch, metrics)
-        # Trackers may wait for a network; the next epoch begins after them.
-        self._clock += time.perf_counter() - begun
         if self.report:
             figures = {name: value for name, value in metrics.items() if value is not None}
             # Epochs of the main model and of each fold's model.
@@ -206,6 +202,7 @@ class Epochs(TrainingCallback):
             # PyKEEN offers callbacks no public way to stop a loop.
             self.training_loop._should_stop = True
         seed_everything(settings.seed, epoch + 1)
+        self._clock = time.perf_counter()
 
     def restore(self, loop: TrainingLoop, checkpoint: Checkpoint[LinkProgress]) -> None:
         """Load a checkpoint into a new loop.
@@ -338,17 +335,18 @@ def choose(
     # By N3 weight, and by popularity with the frequency rule last.
     sums = np.zeros((len(weights), len(POPULARITY) + 1))
     for row, n3 in zip(sums, weights, strict=True):
+        # Without popularity: it changes scores only, so one training serves all weights.
+        short = replace(settings, n3=n3, popularity=0.0, epochs=epochs, eval_every=0)
         for fold in folds:
-            # Without popularity: it changes scores only, so one training serves all weights.
-            short = replace(settings, n3=n3, popularity=0.0, epochs=epochs, eval_every=0)
             row += _reciprocal_ranks(
                 fold, short, outside, lambda _: after_epoch(next(epoch_number), total)
             )
     means = sums / queries
-    candidates = []
-    for n3, row in zip(weights, means[:, :-1].tolist(), strict=True):
-        for popularity, mrr in zip(POPULARITY, row, strict=True):
-            candidates.append(Candidate(n3=n3, popularity=popularity, mrr=mrr))
+    mrrs = means[:, :-1].ravel().tolist()
+    candidates = [
+        Candidate(n3=n3, popularity=popularity, mrr=mrr)
+        for (n3, popularity), mrr in zip(product(weights, POPULARITY), mrrs, strict=True)
+    ]
     best = _best(candidates)
     return Choice(
         n3=best.n3,

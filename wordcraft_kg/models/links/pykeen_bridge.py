@@ -262,13 +262,15 @@ def from_pykeen(model: Model, factory: TriplesFactory, opened: OpenedGraph) -> T
         ("entities", factory.entity_to_id, graph.entities),
         ("relations", factory.relation_to_id, RELATIONS),
     ):
-        missing = [label for label in expected if label not in ids]
-        unknown = sorted(set(ids) - set(expected))
-        problems = []
-        if missing:
-            problems.append(f"{len(missing)} are missing ({', '.join(missing[:3])})")
-        if unknown:
-            problems.append(f"{len(unknown)} are unknown ({', '.join(unknown[:3])})")
+        differences = {
+            "missing": [label for label in expected if label not in ids],
+            "unknown": sorted(set(ids) - set(expected)),
+        }
+        problems = [
+            f"{len(labels)} are {kind} ({', '.join(labels[:3])})"
+            for kind, labels in differences.items()
+            if labels
+        ]
         if problems:
             raise GraphMismatchError(
                 f"the model's {name} do not match '{graph.name}': {', '.join(problems)}. Train "

@@ -64,14 +64,6 @@ class Examples(NamedTuple):
     competes: Tensor
     is_right: Tensor
 
-    def part(self, rows: Tensor) -> "Examples":
-        """Return the queries with the given numbers, shape (n,)."""
-        return Examples(
-            features=self.features[rows],
-            competes=self.competes[rows],
-            is_right=self.is_right[rows],
-        )
-
 
 def fit_committee(
     examples: Examples,
@@ -99,7 +91,7 @@ def fit_committee(
     number = len(examples.features)
     # The same queries are together in all epochs, so that they are prepared once.
     parts = torch.randperm(number, generator=generator).split(size)
-    batches = [_Batch.of(examples.part(rows), mean, scale) for rows in parts]
+    batches = [_Batch.of(examples, rows, mean, scale) for rows in parts]
     epochs = max(schedule.epochs, math.ceil(schedule.steps / len(batches)))
     optimizer = torch.optim.AdamW(
         [weights for network in networks for weights in network],
@@ -168,19 +160,20 @@ class _Batch(NamedTuple):
     is_right: Tensor
 
     @classmethod
-    def of(cls, queries: Examples, mean: Tensor, scale: Tensor) -> "_Batch":
+    def of(cls, examples: Examples, rows: Tensor, mean: Tensor, scale: Tensor) -> "_Batch":
         """Prepare queries.
 
         Args:
-            queries: N queries.
+            examples: all queries.
+            rows: numbers of the batch's queries, shape (n,).
             mean: means of the features, shape (F,).
             scale: their deviations, shape (F,).
         """
-        competing = queries.features[queries.competes]
-        features = (competing - mean) / scale
+        competes = examples.competes[rows]
+        features = (examples.features[rows][competes] - mean) / scale
         # (queries, P) to (queries · P,).
-        places = queries.competes.view(-1).nonzero()[:, 0]
-        return cls(features, places, queries.is_right)
+        places = competes.view(-1).nonzero()[:, 0]
+        return cls(features, places, examples.is_right[rows])
 
 
 def _set_gradients(networks: Sequence[_Network], batch: "_Batch") -> None:

@@ -239,8 +239,7 @@ class _Lesson(NamedTuple):
     """What the rankers of a scorer learn from a held-out fold.
 
     Attributes:
-        combines: queries for combinesWith links.
-        components: queries for componentOf links.
+        queries: queries for links, by relation.
         links: features of the links of tables' slots to the goals, shape (N, A, F).
         pair_links: features of combinesWith links between slots, shape (N, P, F), where outside
             knowledge tells of them; else (N, P, 0).
@@ -250,8 +249,7 @@ class _Lesson(NamedTuple):
         result_links: as ``links``, of these queries: a table of two slots for each candidate.
     """
 
-    combines: Examples
-    components: Examples
+    queries: Mapping[int, Examples]
     links: Tensor
     pair_links: Tensor
     tables: Examples
@@ -281,12 +279,8 @@ def _fitted(
     """
     generator = torch.Generator().manual_seed(_seed_of(seed, left_out))
     link_rankers = {}
-    queries_by_relation = {
-        COMBINES_WITH: [lesson.combines for lesson in lessons],
-        COMPONENT_OF: [lesson.components for lesson in lessons],
-    }
-    for relation, fold_queries in queries_by_relation.items():
-        queries = _together(fold_queries)
+    for relation in (COMBINES_WITH, COMPONENT_OF):
+        queries = _together([lesson.queries[relation] for lesson in lessons])
         if len(queries.features):
             link_rankers[relation] = fit_committee(queries, generator, LINKS)
     for lesson in lessons:
@@ -489,11 +483,11 @@ def _lesson(
     rng = np.random.default_rng([_seed_of(seed, left_out), held_out])
     lessons = len(lesson_folds(folds, left_out, has_encoder=is_own_encoder))
     # A single fold has as many queries as all together would have.
-    queries = LINK_QUERIES * (folds.count - len(left_out)) // lessons
-    combines, components = (
-        _link_examples(folds, lists, outside, left_out, held_out, relation, queries, rng)
+    most = LINK_QUERIES * (folds.count - len(left_out)) // lessons
+    queries = {
+        relation: _link_examples(folds, lists, outside, left_out, held_out, relation, most, rng)
         for relation in (COMBINES_WITH, COMPONENT_OF)
-    )
+    }
     recipes = folds.recipes_of(held_out)
     known_recipes = folds.recipes(left_out)
     # An equal share of the examples for each fold, rounded up.
@@ -513,8 +507,7 @@ def _lesson(
         known_pairs = links_by_key(lists, COMBINES_WITH, *places).view(*a.shape, -1)
         pair_links = torch.cat([known_pairs, _outside(outside, COMBINES_WITH, a, b)], dim=-1)
     lesson = _Lesson(
-        combines,
-        components,
+        queries,
         torch.cat([links, from_outside], dim=-1),
         pair_links,
         examples,

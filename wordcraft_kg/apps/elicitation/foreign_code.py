@@ -430,8 +430,7 @@ def check_size(path: Path, build: Callable[[], Any]) -> None:
     with torch.random.fork_rng(devices=[]), torch.device("meta"):
         model = build()
     # Buffers count as well: tables of positions may be larger than the weights.
-    tensors = [*model.parameters(), *model.buffers()]
-    num_elements = sum(tensor.numel() for tensor in tensors)
+    num_elements = sum(tensor.numel() for tensor in (*model.parameters(), *model.buffers()))
     stored = sum(prod(shape) for shape in _shapes(path))
     limit = 2 * stored + _MORE_ELEMENTS
     if num_elements > limit:

@@ -444,8 +444,10 @@ def _tables(
             if report:
                 report(num_done, len(prompts) * size, {})
     except KeyboardInterrupt:
-        saved = f"interrupted; {num_done:,} of {len(prompts) * size:,} texts are saved."
-        raise KeyboardInterrupt(f"{saved} Repeat the command to continue.") from None
+        raise KeyboardInterrupt(
+            f"interrupted; {num_done:,} of {len(prompts) * size:,} texts are saved. Repeat the "
+            "command to continue."
+        ) from None
     return tuple(map(_oriented, tables, prompts))
 
 
@@ -490,9 +492,9 @@ def strongest(knowledge: KnowledgeTables, most: int = 3) -> dict[str, list[str]]
         values, places = cells.topk(min(most, len(cells)))
         shown[info.name] = []
         for value, place in zip(values.tolist(), places.tolist(), strict=True):
-            row = labels[place // len(labels)]
-            column = labels[place % len(labels)]
-            shown[info.name].append(f"{info.words(row, column)} ({value:+.1f})")
+            row, column = divmod(place, len(labels))
+            phrase = info.words(labels[row], labels[column])
+            shown[info.name].append(f"{phrase} ({value:+.1f})")
     return shown
 
 

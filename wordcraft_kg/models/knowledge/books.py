@@ -228,12 +228,11 @@ def open_other_book(
             "in `without`. Give another book."
         )
     results = np.unique(used_recipes[:, 2])
-    num_described = len(np.unique(ids[~is_new]))
     source = OutsideSource(
         name=book.name,
         kind="book",
         sha256=book.hash,
-        coverage=num_described / max(graph.num_entities, 1),
+        coverage=len(np.unique(ids[~is_new])) / max(graph.num_entities, 1),
         recipes=len(used_recipes),
         left_out=left_out,
         left_out_test=int(is_in(recipes, held_out, size).sum()),
@@ -264,8 +263,8 @@ def shared_recipes(graph: RecipeGraph, book: RecipeGraph) -> NDArray[np.bool_]:
     rows = graph.recipes.copy()
     rows[:, :2].sort(axis=1)
     ids = ids_among(graph.entities, book.entities)
-    book_rows = ordered_recipes(ids[book.recipes])
-    return is_in(rows, book_rows, graph.num_entities + book.num_entities)
+    size = graph.num_entities + book.num_entities
+    return is_in(rows, ordered_recipes(ids[book.recipes]), size)
 
 
 def with_words_of(
@@ -302,8 +301,7 @@ def _reworded(recipes: Ids, held_out: Ids, features: EntityFeatures) -> int:
     """
     entities = np.unique(held_out)
     # Rows of the held-out entities alone: all pairs of a large book would take gigabytes.
-    cosines = features.unit_vectors[entities] @ features.unit_vectors.T
-    alike = cosines >= REWORDED
+    alike = features.unit_vectors[entities] @ features.unit_vectors.T >= REWORDED
     # An entity without a vector equals itself, too.
     alike[np.arange(len(entities)), entities] = True
     is_reworded = np.zeros(len(recipes), dtype=bool)
@@ -313,8 +311,7 @@ def _reworded(recipes: Ids, held_out: Ids, features: EntityFeatures) -> int:
     for a, b, result in rows.tolist():
         in_order = alike[a, ingredients_a] & alike[b, ingredients_b]
         reversed_order = alike[a, ingredients_b] & alike[b, ingredients_a]
-        has_ingredients = in_order | reversed_order
-        is_reworded |= has_ingredients & alike[result, results]
+        is_reworded |= (in_order | reversed_order) & alike[result, results]
     return int(is_reworded.sum())
 
 

@@ -136,9 +136,8 @@ def import_knowledge(
     with stage(f"reading {path}"):
         network = READERS[kind](path)
     with stage("aligning labels"):
-        aligned = align(network, entities)
         # What a person says goes before what was found.
-        alignment = with_overrides(aligned, network, entities, overriding)
+        alignment = with_overrides(align(network, entities), network, entities, overriding)
         if (alignment.nodes < 0).all():
             raise KnowledgeFileError(
                 f"{path}: none of the {len(entities):,} labels of '{opened.graph.name}', such as "

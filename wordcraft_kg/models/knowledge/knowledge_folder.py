@@ -116,8 +116,7 @@ class KnowledgeTables:
             # By row and by column: an entity may be an ingredient only, or a result only.
             is_known |= has_value.any(1) | has_value.any(0)
         described = set(compress(self.record.entities, is_known.tolist()))
-        num_described = sum(label in described for label in entities)
-        return num_described / max(len(entities), 1)
+        return sum(label in described for label in entities) / max(len(entities), 1)
 
 
 def write_knowledge(
@@ -190,8 +189,7 @@ def knowledge_files(folder: str | Path) -> RunFiles:
         ArtefactError: if the folder is unfinished, incomplete, damaged or of another kind.
     """
     folder = Path(folder)
-    run = read_finished_run(folder, EXPECTED, KNOWLEDGE)
-    return RunFiles(folder, run)
+    return RunFiles(folder, read_finished_run(folder, EXPECTED, KNOWLEDGE))
 
 
 def read_rows(files: RunFiles, name: str) -> list[list[str]]:

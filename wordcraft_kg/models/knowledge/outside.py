@@ -162,9 +162,9 @@ def _of_folder(spec: str, opened: OpenedGraph, tables: _Tables) -> OutsideSource
     for info, table in zip(rearranged.record.tables, rearranged.tables, strict=True):
         key = (origin, info.name, info.role)
         new = table.float()
-        before = tables.get(key)
+        before = tables.get(key, new)
         # 0 is a cell that the earlier folder says nothing about.
-        tables[key] = new if before is None else before.where(before != 0, new)
+        tables[key] = before.where(before != 0, new)
     return OutsideSource(name=name, kind="tables", sha256=run.outputs[TABLES], coverage=coverage)
 
 

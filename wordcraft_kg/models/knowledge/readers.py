@@ -438,8 +438,7 @@ def _entry(line: str) -> tuple[str, list[str]]:
     lemma, _, count, *fields = line.split()
     num_senses = int(count)
     # All fields but the symbols are counted by `num_senses` and these three numbers.
-    is_whole = len(fields) == int(fields[0]) + 3 + num_senses
-    if not line.endswith("\n") or not is_whole:
+    if not line.endswith("\n") or len(fields) != int(fields[0]) + 3 + num_senses:
         raise ValueError
     return lemma, fields[len(fields) - num_senses :]
 

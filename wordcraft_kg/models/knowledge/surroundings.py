@@ -170,8 +170,7 @@ class Surroundings:
 
 def _phrase(relation: str) -> str:
     """Return a relation's name in words with a verb, such as ``is part of`` for partOf."""
-    separate = _WORD_BREAK.sub(" ", relation)
-    words = separate.lower().strip()
+    words = _WORD_BREAK.sub(" ", relation).lower().strip()
     # "makes dough" has a verb, "part of dough" none.
     has_verb = re.match(r"\w*[^s]s\b", words)
     return words if has_verb else f"is {words}"
@@ -204,8 +203,7 @@ def with_descriptions(network: Network, alignment: Alignment, entities: Sequence
     edges = np.array(mentions, dtype=np.int64).reshape(-1, 2)
     num_nodes = len(network.nodes)
     tail = edges[:, 1]
-    counts = np.bincount(tail, minlength=num_nodes)
-    log_counts = np.log1p(counts)
+    log_counts = np.log1p(np.bincount(tail, minlength=num_nodes))
     weights = 1 - log_counts[tail] / np.log1p(num_nodes)
     # The new relation gets the next id.
     relations = np.full(len(edges), len(network.relations))
@@ -229,8 +227,7 @@ def _phrases(
         if node < 0:
             continue
         for name in (*network.lemmas[node], entities[entity]):
-            words = plain(name).split()
-            base_forms = map(network.base_form, words)
+            base_forms = map(network.base_form, plain(name).split())
             phrases[" ".join(base_forms)].add(node)
     return phrases
 
@@ -314,13 +311,10 @@ def make_tables(network: Network, alignment: Alignment) -> list[Table]:
 def _forward_walks(network: Network, confidences: sparse.csr_array) -> list[Floats]:
     """Return weights of walks with 1 and 2 steps along the edges' directions, (E, E) each."""
     links = network.links()
-    both_ways = links + links.T
-    links = _divided(links, both_ways.sum(1))
+    links = _divided(links, (links + links.T).sum(1))
     first = confidences @ links
     last = links @ confidences.T
-    one_step = first @ confidences.T
-    two_steps = first @ last
-    return [one_step.toarray(), two_steps.toarray()]
+    return [(first @ confidences.T).toarray(), (first @ last).toarray()]
 
 
 def _divided(links: sparse.csr_array, degrees: Floats) -> sparse.csr_array:
@@ -352,10 +346,8 @@ def _parts(network: Network, confidences: sparse.csr_array) -> Floats:
     In WordNet, parts are inherited from classes, with half the weight for each step.
     """
     upward = (network.links(IS_A) != 0).astype(float)
-    reach = confidences
-    step = confidences
-    steps = _STEPS if network.glosses else 0
-    for _ in range(steps):
+    reach = step = confidences
+    for _ in range(_STEPS if network.glosses else 0):
         step = step @ upward / 2
         reach = reach + step
     # Relations from the whole to the part are turned round.

@@ -265,11 +265,10 @@ def with_words(
     has_vector = features.known
     if words == "minilm":
         vectors, has_vector = _completed(features, every)
-    reason = _why_unknown(words)
     # The error names the first label without a vector.
     for label, is_known in zip(labels, has_vector[size:], strict=True):
         if not (is_known or allow_missing):
-            raise unknown(label, reason)
+            raise unknown(label, _why_unknown(words))
     return extended(scorer, labels, vectors[size:])
 
 
@@ -278,11 +277,10 @@ def _why_unknown(words: str) -> str:
     if words == "minilm":
         return "No word in this label has a vector."
     if os.path.isdir(words):
-        remedy = (
-            f"Encode it with the graph, `{ENCODE} --labels LABEL`, and train with these vectors, "
-            "or with glove."
+        return (
+            f"The model's `features` {words} have no vector for this label. Encode it with the "
+            f"graph, `{ENCODE} --labels LABEL`, and train with these vectors, or with glove."
         )
-        return f"The model's `features` {words} have no vector for this label. {remedy}"
     return f"No word in this label has a vector in {words}."
 
 

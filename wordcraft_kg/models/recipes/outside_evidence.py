@@ -63,10 +63,8 @@ class OutsideEvidence(Record):
 
     def __str__(self) -> str:
         """Return a line such as ``language model: bread needs dough (+3.1)``."""
-        line = f"{self.source}: {self.text}"
-        if self.value is None:
-            return line
-        return f"{line} ({self.value:+.1f})"
+        value = "" if self.value is None else f" ({self.value:+.1f})"
+        return f"{self.source}: {self.text}{value}"
 
 
 _Source = Callable[[_Slots], Sequence[OutsideEvidence]]
@@ -147,8 +145,7 @@ class OutsideEvidenceFinder:
             UnknownEntityError: for a label or id that the graph lacks.
         """
         id_of = self._opened.graph.id_of
-        slots = (id_of(a), id_of(b), id_of(result))
-        return self._find(slots)
+        return self._find((id_of(a), id_of(b), id_of(result)))
 
     def of_link(self, head: Entity, relation: str, tail: Entity) -> tuple[OutsideEvidence, ...]:
         """Return evidence for a link, as :meth:`of_recipe`, from tables with the relation's role.
@@ -225,11 +222,11 @@ class OutsideEvidenceFinder:
             # An ingredient with the result says more than both ingredients with another result.
             strength = 2 * (uses_any & (results == result)) + uses_both
             order = np.argsort(-strength, kind="stable")[: np.count_nonzero(strength)]
-            texts = []
+            evidence = []
             for row in book.recipes[order[:LIMIT]].tolist():
-                labels = [book.labels[entity] for entity in row]
-                texts.append(str(Recipe.of(*labels)))
-            return [OutsideEvidence(book.source.name, text, None) for text in texts]
+                recipe = Recipe.of(*(book.labels[entity] for entity in row))
+                evidence.append(OutsideEvidence(book.source.name, str(recipe), None))
+            return evidence
 
         return find
 
@@ -286,9 +283,9 @@ def _fact_evidence(files: RunFiles, knowledge: KnowledgeTables) -> _Source:
     frequency = Counter(chain.from_iterable(facts_of.values()))
 
     def find(slots: _Slots) -> list[OutsideEvidence]:
-        entities = [knowledge.record.entities[slot] for slot in slots if slot is not None]
         # a + a has each fact once.
-        labels = list(dict.fromkeys(entities))
+        ids = dict.fromkeys(slot for slot in slots if slot is not None)
+        labels = [knowledge.record.entities[entity] for entity in ids]
         links: list[str] = []
         shared: dict[tuple[str, str], str] = {}
         for position, head in enumerate(labels):

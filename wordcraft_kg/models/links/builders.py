@@ -64,11 +64,10 @@ def check_table_fits(model: str, num_entities: int) -> None:
     """
     needs_table = not issubclass(model_class(model), (ComplExN3, DistMult))
     if needs_table and not has_table(num_entities):
-        num_bytes = table_bytes(num_entities)
         raise ConfigError(
-            f"`model` {model!r} needs a score table, {num_bytes / 2**30:,.1f} GiB for "
-            f"{num_entities:,} entities; expected at most {TABLE_LIMIT / 2**30:.2f} GiB. Models "
-            "that need no table: distmult, and ComplEx (wordcraft-kg train-complex)."
+            f"`model` {model!r} needs a score table, {table_bytes(num_entities) / 2**30:,.1f} GiB "
+            f"for {num_entities:,} entities; expected at most {TABLE_LIMIT / 2**30:.2f} GiB. "
+            "Models that need no table: distmult, and ComplEx (wordcraft-kg train-complex)."
         )
 
 
@@ -243,8 +242,8 @@ def log_counts(triples: Ids, num_entities: int) -> tuple[torch.Tensor, torch.Ten
     def log_count(ends: Ids) -> torch.Tensor:
         cells = relations * num_entities + ends
         counts = np.bincount(cells, minlength=len(RELATIONS) * num_entities)
-        logs = torch.from_numpy(np.log1p(counts).astype(np.float32))
-        return logs.reshape(len(RELATIONS), num_entities)
+        logs = np.log1p(counts).astype(np.float32)
+        return torch.from_numpy(logs).reshape(len(RELATIONS), num_entities)
 
     return log_count(heads), log_count(tails)
 

@@ -257,13 +257,12 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         if settings.kg == "full":
             self.train_sample = opened.train_sample("full")
         else:
-            fold_of_recipe = folds.of_recipe if folds else None
             self.train_sample = draw_train_sample(
                 opened.split,
                 settings.train_fraction,
                 settings.label_noise,
                 settings.seed,
-                of_recipe=fold_of_recipe,
+                of_recipe=folds.of_recipe if folds else None,
             )
         # All models for a split share the folds, also with a sample of the train recipes.
         self.folds = folds.with_train_sample(self.train_sample) if folds else None
@@ -427,7 +426,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             if report and num_epochs not in reported:
                 reported.add(num_epochs)
                 total = settings.epochs * (1 + folds.count)
-                figures = {
+                figures: dict[str, float] = {
                     "fold": min(1 + num_epochs // settings.epochs, folds.count),
                     "folds": folds.count,
                 }
@@ -474,8 +473,8 @@ def _check_fit(opened: OpenedGraph, settings: LinkSettings, num_nodes: int) -> N
     # Memory: models may need more. 4 bytes a number; complex dimensions have two.
     numbers = settings.dim * (2 if isinstance(settings, ComplExConfig) else 1)
     parameters = 4 * numbers * (num_nodes + len(RELATIONS))
-    # Parameters, gradients and optimiser state.
     purpose = f"training vectors for {num_nodes:,} entities"
+    # Parameters, gradients and optimiser state.
     check_memory("dim", settings.dim, purpose, 3 * parameters)
     if isinstance(settings, LinkModelConfig) and settings.loop == "slcwa":
         triples = min(settings.batch_size, len(opened.triples(settings.kg)))

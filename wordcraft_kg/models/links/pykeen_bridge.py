@@ -103,9 +103,9 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
             relation_id = relations.setdefault(relation, len(relations))
             tail_id = places.setdefault(tail, len(places))
             rows.append((head_id, relation_id, tail_id))
-        rows_of_folder = rows[before:]
-        ends = {head for head, _, _ in rows_of_folder} | {tail for _, _, tail in rows_of_folder}
-        if not any(end < len(entities) for end in ends):
+        added = np.array(rows[before:], dtype=np.int64).reshape(-1, 3)
+        ends = np.unique(added[:, [0, 2]])
+        if not (ends < len(entities)).any():
             raise ConfigError(
                 f"`with` '{folder}': none of the {len(ends):,} nodes in {TRIPLES} is one of the "
                 f"{len(entities):,} entities, such as '{entities[0]}'. Make the folder for this "

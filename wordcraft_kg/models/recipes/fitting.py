@@ -372,16 +372,14 @@ def with_known(ranker: Ranker, of_known: Tensor, makes: int, least: Tensor) -> R
         makes: number of the feature ``makes``.
         least: smallest score of a known recipe, shape ().
     """
-    units = of_known @ ranker.first
-    units += ranker.first_bias
+    units = of_known @ ranker.first + ranker.first_bias
     positive = ranker.second.clamp(min=0)
     # A lower bound, because relu(x) is never below x.
     negative = ranker.second - positive
     scores = units.relu() @ negative + units @ positive + ranker.bias
-    lowest = scores.amin()
-    first = ranker.first.clone()
     # The same lift for all units that raise the score.
-    lift = (least - lowest).clamp(min=0) / positive.sum()
+    lift = (least - scores.amin()).clamp(min=0) / positive.sum()
+    first = ranker.first.clone()
     first[makes] = lift * (positive > 0)
     return replace(ranker, first=first)
 
@@ -586,9 +584,8 @@ def _link_examples(
     every = folds.triples(left_out)
     fold_triples = recipe_triples(folds.recipes_of(held_out))
     train_triples = folds.triples([*left_out, held_out])
-    is_own = fold_triples[:, 1] == relation
     is_new = ~is_in(fold_triples, train_triples, size)
-    new = fold_triples[is_own & is_new]
+    new = fold_triples[is_new & (fold_triples[:, 1] == relation)]
     sampled_rows = rng.permutation(len(new))[:queries]
     query_links = new[np.sort(sampled_rows)]
     parts = []
@@ -607,8 +604,7 @@ def _link_examples(
         links = np.stack(np.broadcast_arrays(*sides), axis=-1)
         is_known = is_in(links.reshape(-1, 3), every, size).reshape(candidates.shape)
         features = link_features(lists, relation, query_entities, candidates, heads=heads)
-        link_heads = torch.from_numpy(links[..., 0])
-        link_tails = torch.from_numpy(links[..., 2])
+        link_heads, _, link_tails = torch.from_numpy(links).unbind(-1)
         from_outside = _outside(outside, relation, link_heads, link_tails)
         features = torch.cat([features, from_outside], dim=-1)
         # Other right answers do not compete with the one that is asked for.

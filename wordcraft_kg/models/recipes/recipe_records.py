@@ -161,8 +161,9 @@ def read_metrics(files: RunFiles) -> RecipeMetrics | SetMetrics:
     Raises:
         ArtefactError: if the file is missing, damaged or has changed.
     """
-    kind = SetMetrics if is_of_sets(files) else RecipeMetrics
-    return files.record("metrics.json", kind)
+    if is_of_sets(files):
+        return files.record("metrics.json", SetMetrics)
+    return files.record("metrics.json", RecipeMetrics)
 
 
 def recipes_history(files: RunFiles) -> History:

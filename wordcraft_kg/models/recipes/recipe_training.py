@@ -335,13 +335,12 @@ class RecipesTraining(FitsTraining):
         after = counter(run, report, total)
         words = Words.of(self.features)
         for left_out, knowledge in self._fitted(run, words, missing, after):
-            tensors = dict(knowledge.constants())
-            if left_out:
-                # The main model has the words for all folds.
-                for name in RecipeScorer.shared:
-                    tensors.pop(name, None)
-            trained_on = triples_hash(self.folds.triples(left_out))
-            fits.save(self.every.index(left_out), tensors, FitDone(trained_on=trained_on))
+            # The main model has the words for all folds.
+            skipped = RecipeScorer.shared if left_out else ()
+            constants = knowledge.constants().items()
+            tensors = {name: tensor for name, tensor in constants if name not in skipped}
+            progress = FitDone(trained_on=triples_hash(self.folds.triples(left_out)))
+            fits.save(self.every.index(left_out), tensors, progress)
         if report:
             report(total, total, {})
         return self._write(run, time.perf_counter() - began)
@@ -379,8 +378,7 @@ class RecipesTraining(FitsTraining):
             else:
                 missing.append(left_out)
         for left_out, encoder in self._new_encoders(run, words, missing):
-            trained_on = triples_hash(self.folds.triples(left_out))
-            progress = FitDone(trained_on=trained_on)
+            progress = FitDone(trained_on=triples_hash(self.folds.triples(left_out)))
             checkpoints.save(every.index(left_out), encoder._asdict(), progress)
             encoders[left_out] = encoder
             after()

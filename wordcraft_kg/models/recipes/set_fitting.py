@@ -105,8 +105,7 @@ def folds_of_recipes(recipes: Ids, folds: int, seed: int) -> Ids:
     """
     goals, goal_of_recipe = np.unique(recipes[:, -1], return_inverse=True)
     fold_of_goal = np.random.default_rng([seed, 1]).permutation(len(goals)) % folds
-    result: Ids = fold_of_goal[goal_of_recipe.ravel()]
-    return result
+    return np.asarray(fold_of_goal[goal_of_recipe.ravel()])
 
 
 def fit_sets(
@@ -210,10 +209,9 @@ def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks
     def loss_of(networks: Networks, rows: Tensor, drop: Callable[[Tensor], Tensor]) -> Tensor:
         num_lessons = counts[rows]
         place = torch.repeat_interleave(torch.arange(len(rows)), num_lessons)
-        ends = torch.cumsum(num_lessons, 0)
-        lesson = torch.arange(len(place)) + (first[rows] - (ends - num_lessons))[place]
-        scores = networks(inputs[goals[rows]], drop)
-        scores = torch.nn.functional.pad(scores, (0, 1))
+        starts_of_rows = torch.cumsum(num_lessons, 0) - num_lessons
+        lesson = torch.arange(len(place)) + (first[rows] - starts_of_rows)[place]
+        scores = torch.nn.functional.pad(networks(inputs[goals[rows]], drop), (0, 1))
         if not len(place):
             # The mean of no lesson is no number; such recipes teach nothing.
             return 0 * scores.sum()
@@ -312,8 +310,8 @@ def fit_order(lessons: Sequence[Candidates], fold_of_lesson: Ids, seed: int) -> 
         # scores keep the order of the search, and a right set is as rare as the train goals say.
         level = Networks(*(torch.zeros_like(getattr(start, name)) for name in NAMES))
         none_score = math.log(longest * (num_goals + 1))
-        calibrations = (torch.tensor([1.0, none_score]),) * (num_folds + 1)
-        return FittedOrder(level, mean, deviation, calibrations, (0.0,) * len(TOP))
+        level_calibrations = (torch.tensor([1.0, none_score]),) * (num_folds + 1)
+        return FittedOrder(level, mean, deviation, level_calibrations, (0.0,) * len(TOP))
     committee = fit(start, loss_of, len(useful), generator, epochs=_COMMITTEE_EPOCHS, rate=5e-3)
     with torch.no_grad():
         everything = torch.arange(len(lessons))

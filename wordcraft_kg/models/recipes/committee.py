@@ -86,11 +86,9 @@ def fit_committee(
     """
     members, size, _, rate, _ = schedule
     mean, scale = _moments(examples)
-    features = len(mean)
-    networks = [_Network.drawn(features, generator) for _ in range(members)]
-    number = len(examples.features)
+    networks = [_Network.drawn(len(mean), generator) for _ in range(members)]
     # The same queries are together in all epochs, so that they are prepared once.
-    parts = torch.randperm(number, generator=generator).split(size)
+    parts = torch.randperm(len(examples.features), generator=generator).split(size)
     batches = [_Batch.of(examples, rows, mean, scale) for rows in parts]
     epochs = max(schedule.epochs, math.ceil(schedule.steps / len(batches)))
     optimizer = torch.optim.AdamW(

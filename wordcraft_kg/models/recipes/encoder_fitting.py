@@ -143,13 +143,10 @@ class _Network(nn.Module):
             recipes: training recipes, ids (n, 3).
         """
         nothing = torch.zeros(())
-        ingredient_vectors = vectors @ self.used_words + self.used_bias + self.used_ids
-        result_vectors = vectors @ self.made_words + self.made_bias + self.made_ids
-        bias = vectors @ self.bias_words + self.bias_ids[:, 0]
         parts = PairEncoder(
-            used=ingredient_vectors.relu(),
-            made=result_vectors,
-            bias=bias,
+            used=(vectors @ self.used_words + self.used_bias + self.used_ids).relu(),
+            made=vectors @ self.made_words + self.made_bias + self.made_ids,
+            bias=vectors @ self.bias_words + self.bias_ids[:, 0],
             first=self.first,
             first_bias=self.first_bias,
             second=self.second,
@@ -225,8 +222,7 @@ class _Draws:
     def log_expected(self, batch: int, sampled: int) -> Tensor:
         """Return the log of how often a step has each result, shape (T,), at most 0."""
         expected = batch * self.share + sampled * self.of_results
-        logs = np.log(np.minimum(expected, 1))
-        return torch.from_numpy(logs).float()
+        return torch.from_numpy(np.log(np.minimum(expected, 1))).float()
 
 
 def _drawn(ends: Tensor, number: int, generator: torch.Generator) -> Tensor:

@@ -631,8 +631,7 @@ def drawn_tables(
         ids of slots, shape (N, A), -1 for empty slots; and goals, shape (N,).
     """
     # A small book has few recipes to learn from, so that more distractors help.
-    min_draws, max_draws = DRAWS
-    draws = int(np.clip(EXAMPLES // max(len(known), 1), min_draws, max_draws))
+    draws = int(np.clip(EXAMPLES // max(len(known), 1), *DRAWS))
     tables = [_tables(recipes, known, size, amount, rng) for amount in TABLES * draws]
     return np.concatenate(tables), np.tile(recipes[:, 2], len(tables))
 
@@ -710,10 +709,9 @@ def _tables(
     """
     # In a recipe a + a, the entity counts once.
     _, users = different_ingredients(known_recipes, size)
-    weights = 1.0 + np.bincount(users, minlength=size)
-    ends = np.cumsum(weights)
-    slots = 2 + max(TABLES)
-    tables = np.full((len(recipes), slots), -1, dtype=np.int64)
+    # Where the interval of each entity ends, which is as long as its weight.
+    ends = np.cumsum(1.0 + np.bincount(users, minlength=size))
+    tables = np.full((len(recipes), 2 + max(TABLES)), -1, dtype=np.int64)
     tables[:, :2] = recipes[:, :2]
     # An entity is on a table once, also if the recipe combines it with itself.
     is_twice = recipes[:, 0] == recipes[:, 1]
@@ -722,7 +720,6 @@ def _tables(
     # Some are drawn twice; the first draws of different entities count.
     draws = 4 * amount + 16
     shares = rng.random((len(recipes), draws))
-    # Places in the row of all weights: an entity's interval is as long as its weight.
     drawn_ids = np.searchsorted(ends, shares * ends[-1], "right")
     by_recipe = zip(recipes.tolist(), drawn_ids.tolist(), strict=True)
     for row, (recipe, entities) in enumerate(by_recipe):

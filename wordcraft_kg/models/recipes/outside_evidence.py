@@ -8,6 +8,7 @@ same in all folds, and so is its evidence. The page docs/outside-knowledge.md sh
 import logging
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, islice, zip_longest
 from pathlib import Path
@@ -71,10 +72,16 @@ _Source = Callable[[_Slots], Sequence[OutsideEvidence]]
 """Returns a source's evidence, strongest first."""
 
 
+@dataclass(frozen=True, eq=False)
 class OutsideEvidenceFinder:
     """Finds evidence for recipes and links in a recipe scorer's outside knowledge.
 
     The sources are opened at first use.
+
+    Attributes:
+        settings: name the sources.
+        hashes: of the sources at the time of the training.
+        opened: the graph of the scorer.
 
     Example:
         >>> finder = OutsideEvidenceFinder.open("models/kitchen-recipes", open_graph("kitchen"))
@@ -82,17 +89,9 @@ class OutsideEvidenceFinder:
         True
     """
 
-    def __init__(self, settings: RecipeScorerConfig, hashes: frozenset[str], opened: OpenedGraph):
-        """Prepare to find evidence.
-
-        Args:
-            settings: name the sources.
-            hashes: of the sources at the time of the training.
-            opened: the graph of the scorer.
-        """
-        self._settings = settings
-        self._hashes = hashes
-        self._opened = opened
+    settings: RecipeScorerConfig
+    hashes: frozenset[str]
+    opened: OpenedGraph
 
     @classmethod
     def open(
@@ -144,7 +143,7 @@ class OutsideEvidenceFinder:
         Raises:
             UnknownEntityError: for a label or id that the graph lacks.
         """
-        id_of = self._opened.graph.id_of
+        id_of = self.opened.graph.id_of
         return self._find((id_of(a), id_of(b), id_of(result)))
 
     def of_link(self, head: Entity, relation: str, tail: Entity) -> tuple[OutsideEvidence, ...]:
@@ -158,7 +157,7 @@ class OutsideEvidenceFinder:
         Raises:
             UnknownEntityError: for a label or id that the graph lacks.
         """
-        id_of = self._opened.graph.id_of
+        id_of = self.opened.graph.id_of
         head_id = id_of(head)
         tail_id = id_of(tail)
         if relation == RELATIONS[COMBINES_WITH]:
@@ -177,7 +176,7 @@ class OutsideEvidenceFinder:
     def _sources(self) -> list[_Source]:
         """The sources that are as they were in the training; a warning for each missing one."""
         sources: list[_Source] = []
-        for spec in self._settings.with_:
+        for spec in self.settings.with_:
             try:
                 open_source = self._book_source if is_book(spec) else self._folder_source
                 sources.append(open_source(spec))
@@ -187,14 +186,14 @@ class OutsideEvidenceFinder:
 
     def _check(self, sha256: str) -> None:
         """Raise ArtefactError for a hash that no source had in the training."""
-        if sha256 not in self._hashes:
+        if sha256 not in self.hashes:
             raise ArtefactError("the source has changed since the model was trained.")
 
     def _folder_source(self, spec: str) -> _Source:
         """Return a folder's evidence: its facts, then cells of its tables."""
         files = knowledge_files(spec)
         self._check(files.run.outputs[TABLES])
-        knowledge = read_knowledge(spec).of_entities(self._opened.graph.entities)
+        knowledge = read_knowledge(spec).of_entities(self.opened.graph.entities)
         parts = [_table_evidence(knowledge)]
         if FACTS in files.run.outputs:
             parts.insert(0, _fact_evidence(files, knowledge))
@@ -204,9 +203,9 @@ class OutsideEvidenceFinder:
         # As in the training: a zero-shot scorer may use recipes of the train part.
         book = open_other_book(
             spec,
-            self._opened,
-            keep_train=self._settings.kg == "none",
-            without=[open_graph(book_name).graph for book_name in self._settings.without],
+            self.opened,
+            keep_train=self.settings.kg == "none",
+            without=[open_graph(book_name).graph for book_name in self.settings.without],
         )
         self._check(book.source.sha256)
         pairs = book.recipes[:, :2]

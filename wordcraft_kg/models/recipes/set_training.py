@@ -280,9 +280,9 @@ class SetsTraining(FitsTraining):
         """Return the README of the model folder."""
         graph = self.opened.graph
         goal = graph.entities[int(self.recipes[0, -1])]
-        data = "all recipes, test recipes included: the scores show memory, not prediction."
-        if metrics.kg == "partial":
-            data = "the train recipes only."
+        data = "the train recipes only."
+        if metrics.kg == "full":
+            data = "all recipes, test recipes included: the scores show memory, not prediction."
         return scorer_card(
             self.opened,
             f"A scorer of recipes as sets of the {metrics.kg} knowledge graph of {graph.name}",

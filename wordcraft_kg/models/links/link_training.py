@@ -403,9 +403,8 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         """
         # The number of epochs is decided; validation triples belong to the main model.
         settings = replace(self.config.settings, eval_every=0, folds=0)
-        graph = folds.split.graph
         jobs = [
-            _Job(run.path, fold, settings, graph, folds.triples([fold]), self.outside)
+            _Job(run.path, fold, settings, self.opened.graph, folds.triples([fold]), self.outside)
             for fold in range(folds.count)
         ]
         # Models that an interrupted run has finished, with the same triples and epochs, are not
@@ -500,7 +499,6 @@ def _write_results(
     # Ranking all training triples of a large graph would take longer than an epoch.
     sample = sampled_for(graph, triples)
     scorer = make_scorer(kind, tensors, graph.entities, graph.hash)
-    ranks = rank_triples(scorer, sample, triples)
     # Of equal validations the first is the best.
     validated = [row for row in trace if row.valid_mrr is not None]
     best = max(validated, key=lambda row: row.valid_mrr or 0.0, default=None)
@@ -517,7 +515,7 @@ def _write_results(
         parameters=sum(parameter.numel() for parameter in model.parameters()),
         loss=trace[-1].loss,
         valid_mrr=best.valid_mrr if best else None,
-        train_mrr=mean_reciprocal_rank(ranks),
+        train_mrr=mean_reciprocal_rank(rank_triples(scorer, sample, triples)),
         train_mrr_triples=len(sample),
         outside=outside,
         choice=choice,

@@ -179,8 +179,7 @@ def recipes_history(files: RunFiles) -> History:
         return History(config, facts, metrics)
     settings = [f"{name} {value}" for name, value in vars(config.settings).items()]
     facts["settings"] = ", ".join(settings)
-    labels = made_by_other_books(metrics.outside)
-    return History(config, facts, metrics, made_by_other_books=labels)
+    return History(config, facts, metrics, made_by_other_books=made_by_other_books(metrics.outside))
 
 
 def made_by_other_books(sources: Sequence[OutsideSource]) -> frozenset[str] | None:

@@ -61,8 +61,7 @@ def encode(
     inputs = {f"graph {source.name}": source.hash for source in graphs[1:]}
     inputs = {"graph": graphs[0].hash, **inputs, **hashes}
     vectors_folder = write_vectors(folder, names, vectors, inputs=inputs, force=force)
-    dimensions = vectors.shape[1]
-    size = len(names)
+    size, dimensions = vectors.shape
     following = command_line("train-recipes", graph, "--features", vectors_folder)
     output.result(
         {"out": str(vectors_folder), "labels": size, "dimensions": dimensions, "weights": hashes},

@@ -27,7 +27,7 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.train_samples import Folds, make_folds
 from wordcraft_kg.graphs.triples import COMPONENT_OF, RELATIONS, recipe_triples
-from wordcraft_kg.models.knowledge.words import Words, word_features
+from wordcraft_kg.models.knowledge.books import Words, word_features
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorers
 from wordcraft_kg.models.recipes.inductive import extended
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer

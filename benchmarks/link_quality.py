@@ -39,7 +39,7 @@ from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import RecipeBook, RecipeGraph, Split, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.graph_folder import OpenedGraph, write_graph_folder
 from wordcraft_kg.graphs.train_samples import make_folds
-from wordcraft_kg.models.knowledge.words import Words
+from wordcraft_kg.models.knowledge.books import Words
 from wordcraft_kg.models.links.link_config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.link_training import TrainedLinks, train_links
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorers

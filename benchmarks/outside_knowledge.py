@@ -39,9 +39,14 @@ from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import SplitConfig, open_book, open_graph
 from wordcraft_kg.graphs.graph_folder import OpenedGraph, write_graph_folder
 from wordcraft_kg.graphs.train_samples import make_folds
-from wordcraft_kg.models.knowledge.books import OtherBook, open_other_book
+from wordcraft_kg.models.knowledge.books import (
+    OtherBook,
+    Words,
+    open_other_book,
+    word_features,
+    words_of_books,
+)
 from wordcraft_kg.models.knowledge.outside import join_books, open_outside
-from wordcraft_kg.models.knowledge.words import Words, word_features, words_of_books
 from wordcraft_kg.models.model_folder import open_model
 from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorers

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from wordcraft_kg.models.knowledge.words import Words
+from wordcraft_kg.models.knowledge.books import Words
 from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.recipes import fitting

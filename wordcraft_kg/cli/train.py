@@ -34,8 +34,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.agents.agent_training import TrainedAgent
     from wordcraft_kg.models.links.link_records import LinkMetrics
     from wordcraft_kg.models.links.link_training import TrainedLinks
-    from wordcraft_kg.models.recipes.recipe_records import RecipeMetrics, TrainedSets
-    from wordcraft_kg.models.recipes.recipe_training import TrainedRecipes
+    from wordcraft_kg.models.recipes.recipe_records import RecipeMetrics, TrainedRecipes
 
 EXAMPLES = {
     "train-recipes": (
@@ -348,13 +347,13 @@ class RecipeTraining(TrainingCommand):
 
         return RecipesTraining
 
-    def rows(self, trained: "TrainedRecipes | TrainedSets") -> Rows:  # noqa: D102
+    def rows(self, trained: "TrainedRecipes") -> Rows:  # noqa: D102
         from wordcraft_kg.models.knowledge.outside import describe_source
-        from wordcraft_kg.models.recipes.recipe_records import TrainedSets
+        from wordcraft_kg.models.recipes.recipe_records import SetMetrics
 
-        if isinstance(trained, TrainedSets):
-            return list(trained.metrics.facts().items())
         metrics = trained.metrics
+        if isinstance(metrics, SetMetrics):
+            return list(metrics.facts().items())
         rows = [
             (
                 "learned",

@@ -240,7 +240,7 @@ def _model_card(config: SavedConfig, opened: OpenedGraph) -> str:
         f"{config.origin}\n\n"
         "The scorer was not trained by wordcraft-kg but only saved, so the folder cannot reproduce "
         "the training. " + training_data,
-        (),
+        {},
         "`wordcraft-kg evaluate-links` measures the quality on unseen triples. Scores are not "
         "calibrated probabilities.",
         [f'scorer.top(None, "componentOf", {opened.graph.entities[0]!r})'],

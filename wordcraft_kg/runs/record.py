@@ -489,7 +489,7 @@ def scorer_card(
     opened: OpenedGraph,
     title: str,
     about: str,
-    points: Sequence[str],
+    facts: Mapping[str, str],
     closing: str,
     usage: Iterable[str],
 ) -> str:
@@ -499,7 +499,7 @@ def scorer_card(
         opened: graph and split of the training.
         title: heading.
         about: paragraph below the heading.
-        points: list of facts; the first continues the line on graph and split.
+        facts: further facts by name, for the list that begins with graph and split.
         closing: paragraph of caveats below the list.
         usage: lines of Python that use ``scorer``.
     """
@@ -509,9 +509,8 @@ def scorer_card(
         f"graph `{graph.hash[:12]}`: {graph.num_entities:,} entities; "
         f"split `{split.kind}`, seed {split.seed}"
     )
-    if points:
-        points = [f"{trained_on}; {points[0]}" if points[0] else trained_on, *points[1:]]
-    lines = "\n".join(f"- {point}" for point in points or [trained_on])
+    points = [trained_on, *(f"{name}: {text}" for name, text in facts.items())]
+    lines = "\n".join(f"- {point}" for point in points)
     loading = ["from wordcraft_kg import load_scorer", "", 'scorer = load_scorer("this folder")']
     code = "\n".join([*loading, *usage])
     head = f"{front_matter('knowledge-graph', 'link-prediction')}\n# {title}"

@@ -12,15 +12,12 @@ from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_spli
 from wordcraft_kg.graphs.export import export_graph
 from wordcraft_kg.graphs.splits import Draw, Split
 from wordcraft_kg.models.knowledge import surroundings
-from wordcraft_kg.models.knowledge.alignment import align
 from wordcraft_kg.models.knowledge.importing import import_knowledge
 from wordcraft_kg.models.knowledge.knowledge_folder import read_knowledge
-from wordcraft_kg.models.knowledge.network import plain
-from wordcraft_kg.models.knowledge.paths import hops
-from wordcraft_kg.models.knowledge.readers import read_conceptnet, read_triples
+from wordcraft_kg.models.knowledge.network import align, plain
+from wordcraft_kg.models.knowledge.readers import read_conceptnet, read_triples, read_wordnet
 from wordcraft_kg.models.knowledge.score_files import read_scores
-from wordcraft_kg.models.knowledge.surroundings import Surroundings
-from wordcraft_kg.models.knowledge.wordnet import read_wordnet
+from wordcraft_kg.models.knowledge.surroundings import Surroundings, hops
 from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers import score_limits

@@ -50,8 +50,7 @@ from wordcraft_kg.models.links.fitting import (
     split_of_train,
 )
 from wordcraft_kg.models.links.link_config import N3_PARTIAL, LinkSettings
-from wordcraft_kg.models.links.outside import read_outside
-from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
+from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, read_outside, triples_factory
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, ranking_metrics
 from wordcraft_kg.models.scorers.scorer_folder import make_scorer

@@ -301,7 +301,7 @@ def test_a_training_does_not_continue_with_other_parts(letters, tmp_path, monkey
     with pytest.raises(KeyboardInterrupt):
         train_recipes(config, tmp_path / "model", progress=interrupt_after(1))
     parts.write_text(parts.read_text().replace("Gab,a,1", "Gab,a,2"))
-    with pytest.raises(ArtefactError, match="`parts` or words have changed"):
+    with pytest.raises(ArtefactError, match="`parts` has changed"):
         train_recipes(config, tmp_path / "model")
 
 

@@ -8,8 +8,6 @@ machine.
 """
 
 import io
-import math
-import time
 from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import groupby
@@ -60,8 +58,7 @@ def encode_labels(
     Args:
         labels: N texts.
         path: model folder that ``sentence_transformers`` loads, with weights in safetensors.
-        report: called with the numbers of encoded and of all labels, and the minutes left; None for
-            no progress.
+        report: called with the numbers of encoded and of all labels; None for no progress.
 
     Returns:
         vectors of length 1, shape (N, D), and the SHA-256 hashes of the weights by file name.
@@ -75,21 +72,16 @@ def encode_labels(
     """
     model, hashes = _open_encoder(path)
     lengths = [len(tokens) for tokens in _tokens(model, path, labels)]
-    # The longest first: the estimate of the time left then errs on the safe side, and a lack of
+    # The longest first: an estimate of the time left then errs on the safe side, and a lack of
     # memory shows at once. Labels of equal length by name, not by their order in a graph.
     order = sorted(range(len(labels)), key=lambda row: (-lengths[row], labels[row]))
     parts: list[NDArray[np.float16]] = []
-    begun = time.perf_counter()
     for start in range(0, len(order), _PART):
         rows = order[start : start + _PART]
         part_labels = [labels[row] for row in rows]
         parts.append(_vectors(model, path, part_labels, [lengths[row] for row in rows]))
         if report:
-            num_done = start + len(rows)
-            minutes = (time.perf_counter() - begun) / 60
-            minutes_left = minutes / num_done * (len(labels) - num_done)
-            # Up to a tenth: the last labels take some time, too.
-            report(num_done, len(labels), {"minutes_left": math.ceil(10 * minutes_left) / 10})
+            report(start + len(rows), len(labels), {})
     ordered = np.concatenate(parts)
     vectors = np.empty_like(ordered)
     vectors[order] = ordered
@@ -166,7 +158,7 @@ def _open_encoder(path: Path) -> tuple[Any, dict[str, str]]:
         # The settings of the transformer lie beside modules.json, or in the folder of its module.
         for folder in (path, *(file.parent for file in path.glob("*/config.json"))):
             settings = read_json(folder / "config.json")
-            check_counts(path, settings if isinstance(settings, dict) else {})
+            check_counts(path, settings)
             if "model_type" in settings:
                 config = AutoConfig.from_pretrained(str(folder), trust_remote_code=False)
                 check_size(path, partial(AutoModel.from_config, config, trust_remote_code=False))

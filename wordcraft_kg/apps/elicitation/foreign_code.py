@@ -355,32 +355,20 @@ def _is_text(pattern: re.Pattern[str], value: Any) -> bool:
     return isinstance(value, str) and pattern.fullmatch(value) is not None
 
 
-def _items(value: Any) -> Iterator[tuple[str, Any]]:
-    """Yield all names with their values, at any depth."""
-    if isinstance(value, dict):
-        for name, inner in value.items():
-            yield name, inner
-            yield from _items(inner)
-    elif isinstance(value, list):
+def _items(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield all values with the name of their setting, at any depth, also lists and mappings."""
+    yield name, value
+    if isinstance(value, Mapping):
+        for inner_name, inner in value.items():
+            yield from _items(inner, str(inner_name))
+    elif isinstance(value, list | tuple):
         for inner in value:
-            yield from _items(inner)
+            yield from _items(inner, name)
 
 
 def _strings(value: Any) -> Iterator[str]:
     """Yield all texts among the values, at any depth."""
-    yield from (inner for _, inner in _values(value) if isinstance(inner, str))
-
-
-def _values(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield all single values in settings with the name of their setting, at any depth."""
-    if isinstance(value, Mapping):
-        for inner_name, inner in value.items():
-            yield from _values(inner, str(inner_name))
-    elif isinstance(value, list | tuple):
-        for inner in value:
-            yield from _values(inner, name)
-    else:
-        yield name, value
+    yield from (inner for _, inner in _items(value) if isinstance(inner, str))
 
 
 def _is_known(folder: Path) -> bool:
@@ -406,7 +394,7 @@ _MORE_ELEMENTS = 2**26
 """Elements beyond twice the stored ones: computed tables, and new parts such as a pooler."""
 
 
-def check_counts(path: Path, config: Mapping[str, Any]) -> None:
+def check_counts(path: Path, config: Any) -> None:
     """Check the numbers of parts in a model's settings against its weights.
 
     The model is not built: even a model without values takes memory for each of its layers.
@@ -442,8 +430,7 @@ def check_size(path: Path, build: Callable[[], Any]) -> None:
     with torch.random.fork_rng(devices=[]), torch.device("meta"):
         model = build()
     # Buffers count as well: tables of positions may be larger than the weights.
-    tensors = [*model.parameters(), *model.buffers()]
-    num_elements = sum(tensor.numel() for tensor in tensors)
+    num_elements = sum(tensor.numel() for tensor in (*model.parameters(), *model.buffers()))
     stored = sum(prod(shape) for shape in _shapes(path))
     limit = 2 * stored + _MORE_ELEMENTS
     if num_elements > limit:
@@ -458,8 +445,7 @@ def check_modules(folder: Path) -> None:
             folder.
     """
     for file in sorted(folder.glob("*/config.json")):
-        config = read_json(file)
-        sizes = dict(_numbers(config)) if isinstance(config, dict) else {}
+        sizes = dict(_numbers(read_json(file)))
         matrix = sizes.get("in_features", 1) * sizes.get("out_features", 1)
         # Each kind of module has one of these sizes; a missing size counts as 1.
         num_elements = max(matrix, sizes.get("dimension", 1))
@@ -479,7 +465,7 @@ def _too_large(path: Path, found: str, expected: str) -> ArtefactError:
 
 def _numbers(settings: Any) -> Iterator[tuple[str, int]]:
     """Yield all whole numbers in settings with the name of their setting, at any depth."""
-    for name, value in _values(settings):
+    for name, value in _items(settings):
         # JSON may write a whole number as 1e9, which Python reads as a float.
         is_large_float = isinstance(value, float) and value > _MORE_PARTS and value == value // 1
         if is_large_float or (isinstance(value, int) and not isinstance(value, bool)):

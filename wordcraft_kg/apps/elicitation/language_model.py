@@ -11,8 +11,8 @@ import math
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from itertools import groupby
+from functools import cache, partial
+from itertools import chain, groupby
 from pathlib import Path
 from typing import Any, Literal
 
@@ -139,11 +139,9 @@ def prompts_text(prompts: tuple[Prompt, ...]) -> str:
 def read_rows(folder: Path, number: int) -> Tensor | None:
     """Return the rows of a part; None if they are not saved, or damaged."""
     file = folder / f"{number}.safetensors"
-    if not file.exists():
-        return None
     try:
         return read_tensors(file, read_large_file(file))["rows"]
-    except ArtefactError:  # cut short by a power failure
+    except ArtefactError:  # missing, or cut short by a power failure
         return None
 
 
@@ -201,8 +199,7 @@ def open_language_model(path: Path, random_seed: int | None = None) -> LanguageM
             options["gguf_file"] = path.name
             folder = path.parent
         else:
-            settings = read_json(path / "config.json")
-            check_counts(path, settings if isinstance(settings, dict) else {})
+            check_counts(path, read_json(path / "config.json"))
         # A .gguf file has its settings inside, and transformers adds defaults: check these, too.
         config = AutoConfig.from_pretrained(str(folder), **options)
         check_counts(path, config.to_dict())
@@ -267,19 +264,13 @@ class _LabelProbabilities:
         self.model = language_model.model
         self.tokenizer = language_model.tokenizer
         self.size = len(labels)
+        with working(self.tokenizer.name_or_path):
+            label_ids = [label_tokens(self.tokenizer, label) for label in labels]
+        counts = torch.tensor(list(map(len, label_ids)))
         # The tokens of all labels in one list, with the label and the number of tokens for each.
-        tokens: list[int] = []
-        owners: list[int] = []
-        counts: list[int] = []
-        for owner, label in enumerate(labels):
-            with working(self.tokenizer.name_or_path):
-                label_ids = label_tokens(self.tokenizer, label)
-            tokens += label_ids
-            owners += [owner] * len(label_ids)
-            counts += [len(label_ids)] * len(label_ids)
-        self.tokens = torch.tensor(tokens)
-        self.owners = torch.tensor(owners)
-        self.counts = torch.tensor(counts)
+        self.tokens = torch.tensor(list(chain.from_iterable(label_ids)))
+        self.owners = torch.arange(self.size).repeat_interleave(counts)
+        self.counts = counts.repeat_interleave(counts)
 
     def read(self, texts: Sequence[str]) -> list[list[int]]:
         """Return the tokens of texts."""
@@ -430,17 +421,17 @@ def _tables(
     size = probabilities.size
     tables = torch.zeros(len(prompts), size, size, dtype=torch.half)
     num_done = 0
-    neutral_prompt = -1
-    neutral = torch.zeros(0)
+
+    # Once for each prompt, and not at all for a prompt whose rows are all saved.
+    @cache
+    def neutral(prompt: int) -> Tensor:
+        return _neutral(probabilities, prompts[prompt].neutral)
+
     try:
         for number, batch in enumerate(batches):
             rows = read_rows(folder, number)
             if rows is None:
-                # Once for each prompt, and not at all for a prompt whose rows are all saved.
-                if neutral_prompt != batch.prompt:
-                    neutral_prompt = batch.prompt
-                    neutral = _neutral(probabilities, prompts[neutral_prompt].neutral)
-                rows = (probabilities.after(batch.texts) - neutral).half()
+                rows = (probabilities.after(batch.texts) - neutral(batch.prompt)).half()
                 if not rows.isfinite().all():
                     raise ArtefactError(
                         "the language model gives probabilities that are not finite. Use another."
@@ -453,8 +444,10 @@ def _tables(
             if report:
                 report(num_done, len(prompts) * size, {})
     except KeyboardInterrupt:
-        saved = f"interrupted; {num_done:,} of {len(prompts) * size:,} texts are saved."
-        raise KeyboardInterrupt(f"{saved} Repeat the command to continue.") from None
+        raise KeyboardInterrupt(
+            f"interrupted; {num_done:,} of {len(prompts) * size:,} texts are saved. Repeat the "
+            "command to continue."
+        ) from None
     return tuple(map(_oriented, tables, prompts))
 
 
@@ -499,10 +492,8 @@ def strongest(knowledge: KnowledgeTables, most: int = 3) -> dict[str, list[str]]
         values, places = cells.topk(min(most, len(cells)))
         shown[info.name] = []
         for value, place in zip(values.tolist(), places.tolist(), strict=True):
-            row = labels[place // len(labels)]
-            column = labels[place % len(labels)]
-            phrase = info.phrase.replace("{ingredient}", row).replace("{result}", column)
-            phrase = phrase.replace("{a}", row).replace("{b}", column)
+            row, column = divmod(place, len(labels))
+            phrase = info.words(labels[row], labels[column])
             shown[info.name].append(f"{phrase} ({value:+.1f})")
     return shown
 

@@ -1,12 +1,18 @@
 """Other books: their recipes without those that both books share, and word vectors for all labels.
 
+Word vectors are all that a scorer knows of an entity without any recipe. The page
+docs/explanation/recipe-scorer.md says how neighbours by words enter the features, and
+docs/outside-knowledge.md which vectors there are.
+
 Recipes that both books share are left out of the other book: a train recipe is in the train part
 already, and a test recipe must not be learned. So a held-out train recipe finds as little of itself
 in the other book as a test recipe does. The page docs/explanation/leaks.md says what this covers.
 """
 
+import logging
 from collections.abc import Iterable, Sequence
-from itertools import count
+from dataclasses import dataclass
+from itertools import chain, count
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -24,9 +30,14 @@ from wordcraft_kg.graphs import (
     make_split,
     open_graph,
 )
-from wordcraft_kg.models.knowledge.words import words_of_books
-from wordcraft_kg.models.scorers.features import EntityFeatures
-from wordcraft_kg.models.scorers.neighbours.lists import ordered_recipes
+from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
+from wordcraft_kg.models.scorers.neighbours.lists import (
+    Lists,
+    Numbers,
+    make_lists,
+    nearest_words,
+    ordered_recipes,
+)
 from wordcraft_kg.models.scorers.score_limits import fitting_workers
 
 _DIM = 384
@@ -34,6 +45,91 @@ _DIM = 384
 REWORDED = 0.7
 """Cosine of word vectors from which a recipe of another book rewords a test recipe, for each of the
 three words."""
+
+MOST_MISSING = 0.5
+"""Largest share of labels without a word vector, over a graph and other books together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Words:
+    """What all fits share: word vectors and the nearest words.
+
+    Attributes:
+        vectors: shape (E, D), half: unit vectors as stored in a model; D is 0 without words.
+        near: shape (E, K_w), from
+            :func:`~wordcraft_kg.models.scorers.neighbours.lists.nearest_words`.
+    """
+
+    vectors: NDArray[np.float16]
+    near: Numbers
+
+    @classmethod
+    def of(cls, features: EntityFeatures) -> "Words":
+        """Round unit vectors as a model stores them, and find the nearest words."""
+        rounded = features.unit_vectors.astype(np.float16)
+        return cls(rounded, nearest_words(rounded.astype(np.float32)))
+
+    def lists(self, recipes: Ids) -> Lists:
+        """Return the lists of recipes, ids (n, 3)."""
+        return make_lists(recipes, self.vectors.astype(np.float32), self.near)
+
+
+def word_features(
+    spec: str,
+    labels: Sequence[str],
+    *,
+    allow_missing: bool = False,
+) -> EntityFeatures:
+    """Return the word vectors of labels, of length 0 for one-hot.
+
+    One-hot vectors are no words: E x E numbers would say nothing, at the cost of all pairs.
+
+    Args:
+        spec: word vectors, as for :func:`~wordcraft_kg.models.scorers.features.make_features`.
+        labels: the E labels.
+        allow_missing: use zeros for labels without a vector.
+
+    Raises:
+        ConfigError: if the vectors do not fit the labels.
+        ArtefactError: for a folder of vectors that is damaged, or was not written by ``encode``.
+    """
+    if spec != "one-hot":
+        return make_features(spec, labels, allow_missing=allow_missing)
+    nothing = np.zeros((len(labels), 0), dtype=np.float32)
+    is_known = np.ones(len(labels), dtype=bool)
+    return EntityFeatures("one-hot", nothing, is_known, (), (), is_one_hot=True)
+
+
+def words_of_books(
+    features: str,
+    labels: Sequence[str],
+    *,
+    allow_missing: bool = False,
+) -> EntityFeatures:
+    """Return word vectors for the labels of a graph and of other books.
+
+    A large book has names and numbers that no vectors know. They may be more than in the graph
+    itself: the book's other entities still help.
+
+    Args:
+        features: word vectors.
+        labels: all labels.
+        allow_missing: use zeros for any number of labels without a vector.
+
+    Raises:
+        ConfigError: if most labels have no vector, and ``allow_missing`` is False.
+    """
+    vectors = word_features(features, labels, allow_missing=True)
+    missing = int((~vectors.known).sum())
+    if missing <= MOST_MISSING * len(labels):
+        if missing:
+            logging.getLogger(__name__).info(
+                "%s of %s labels of all books have no word vector.",
+                f"{missing:,}",
+                f"{len(labels):,}",
+            )
+        return vectors
+    return word_features(features, labels, allow_missing=allow_missing)
 
 
 class OutsideSource(Record, frozen=True, kw_only=True):
@@ -132,12 +228,11 @@ def open_other_book(
             "in `without`. Give another book."
         )
     results = np.unique(used_recipes[:, 2])
-    num_described = len(np.unique(ids[~is_new]))
     source = OutsideSource(
         name=book.name,
         kind="book",
         sha256=book.hash,
-        coverage=num_described / max(graph.num_entities, 1),
+        coverage=len(np.unique(ids[~is_new])) / max(graph.num_entities, 1),
         recipes=len(used_recipes),
         left_out=left_out,
         left_out_test=int(is_in(recipes, held_out, size).sum()),
@@ -168,8 +263,8 @@ def shared_recipes(graph: RecipeGraph, book: RecipeGraph) -> NDArray[np.bool_]:
     rows = graph.recipes.copy()
     rows[:, :2].sort(axis=1)
     ids = ids_among(graph.entities, book.entities)
-    book_rows = ordered_recipes(ids[book.recipes])
-    return is_in(rows, book_rows, graph.num_entities + book.num_entities)
+    size = graph.num_entities + book.num_entities
+    return is_in(rows, ordered_recipes(ids[book.recipes]), size)
 
 
 def with_words_of(
@@ -206,8 +301,7 @@ def _reworded(recipes: Ids, held_out: Ids, features: EntityFeatures) -> int:
     """
     entities = np.unique(held_out)
     # Rows of the held-out entities alone: all pairs of a large book would take gigabytes.
-    cosines = features.unit_vectors[entities] @ features.unit_vectors.T
-    alike = cosines >= REWORDED
+    alike = features.unit_vectors[entities] @ features.unit_vectors.T >= REWORDED
     # An entity without a vector equals itself, too.
     alike[np.arange(len(entities)), entities] = True
     is_reworded = np.zeros(len(recipes), dtype=bool)
@@ -217,8 +311,7 @@ def _reworded(recipes: Ids, held_out: Ids, features: EntityFeatures) -> int:
     for a, b, result in rows.tolist():
         in_order = alike[a, ingredients_a] & alike[b, ingredients_b]
         reversed_order = alike[a, ingredients_b] & alike[b, ingredients_a]
-        has_ingredients = in_order | reversed_order
-        is_reworded |= has_ingredients & alike[result, results]
+        is_reworded |= (in_order | reversed_order) & alike[result, results]
     return int(is_reworded.sum())
 
 
@@ -240,14 +333,20 @@ def recipes_together(books: Sequence[OtherBook], labels: Iterable[str]) -> Ids:
     return ordered_recipes(np.concatenate(rows))
 
 
-def joined(books: Sequence[OtherBook], opened: OpenedGraph) -> tuple[OpenedGraph, dict[str, int]]:
-    """Return a graph with the recipes of all books as train recipes, and the id of each label."""
-    distinct: set[str] = set()
-    for book in books:
-        distinct.update(book.labels)
-    labels = sorted(distinct)
-    place = {label: row for row, label in enumerate(labels)}
+def joined(books: Sequence[OtherBook], opened: OpenedGraph) -> tuple[OpenedGraph, Ids]:
+    """Return a graph with the recipes of all books as train recipes, and ids of the own entities.
+
+    Args:
+        books: other books, whose labels begin with the graph's.
+        opened: the graph.
+
+    Returns:
+        the joint graph; and the joint ids of the graph's entities, shape (E,).
+    """
+    labels = sorted(set(chain.from_iterable(book.labels for book in books)))
     recipes = recipes_together(books, labels)
     graph = RecipeGraph(labels, recipes, [], name=f"books for {opened.graph.name}")
     split = make_split(graph, SplitConfig("none"))
-    return OpenedGraph(graph, split, opened.source), place
+    place = {label: row for row, label in enumerate(labels)}
+    own = np.array([place[label] for label in opened.graph.entities])
+    return OpenedGraph(graph, split, opened.source), own

@@ -22,11 +22,6 @@ from wordcraft_kg.base import (
     stage,
 )
 from wordcraft_kg.graphs import RELATIONS, OpenedGraph, is_in
-from wordcraft_kg.models.knowledge.alignment import (
-    Alignment,
-    align,
-    with_overrides,
-)
 from wordcraft_kg.models.knowledge.knowledge_folder import (
     FACTS,
     TRIPLES,
@@ -34,11 +29,18 @@ from wordcraft_kg.models.knowledge.knowledge_folder import (
     KnowledgeTables,
     write_knowledge,
 )
-from wordcraft_kg.models.knowledge.network import Network
-from wordcraft_kg.models.knowledge.paths import make_tables, with_descriptions
-from wordcraft_kg.models.knowledge.readers import HEADER, read_conceptnet, read_triples
-from wordcraft_kg.models.knowledge.surroundings import Surroundings
-from wordcraft_kg.models.knowledge.wordnet import read_wordnet
+from wordcraft_kg.models.knowledge.network import Alignment, Network, align, with_overrides
+from wordcraft_kg.models.knowledge.readers import (
+    HEADER,
+    read_conceptnet,
+    read_triples,
+    read_wordnet,
+)
+from wordcraft_kg.models.knowledge.surroundings import (
+    Surroundings,
+    make_tables,
+    with_descriptions,
+)
 from wordcraft_kg.models.scorers.score_limits import check_table
 
 COMMAND = "import-knowledge"
@@ -61,7 +63,7 @@ class Coverage(Record, frozen=True, kw_only=True):
     """Entities aligned by one method.
 
     Attributes:
-        method: see :class:`~wordcraft_kg.models.knowledge.alignment.Alignment`.
+        method: see :class:`~wordcraft_kg.models.knowledge.network.Alignment`.
         entities: number of entities.
         confidence: their mean confidence.
     """
@@ -134,9 +136,8 @@ def import_knowledge(
     with stage(f"reading {path}"):
         network = READERS[kind](path)
     with stage("aligning labels"):
-        aligned = align(network, entities)
         # What a person says goes before what was found.
-        alignment = with_overrides(aligned, network, entities, overriding)
+        alignment = with_overrides(align(network, entities), network, entities, overriding)
         if (alignment.nodes < 0).all():
             raise KnowledgeFileError(
                 f"{path}: none of the {len(entities):,} labels of '{opened.graph.name}', such as "
@@ -165,7 +166,6 @@ def import_knowledge(
     )
     # Half precision: the tables of all pairs are by far the largest files of a folder.
     halves = tuple(torch.from_numpy(values).half() for _, values in tables)
-    knowledge = KnowledgeTables(record, halves)
     view = ImportedKnowledge(
         out=str(out),
         source=network.source,
@@ -185,12 +185,10 @@ def import_knowledge(
         ALIGNMENT: _table(_COLUMNS, _alignment_rows(network, alignment, entities)),
         "README.md": _card(view, opened, kind),
     }
-    inputs = {
-        "graph": opened.graph.hash,
-        **_hashes(path),
-    }
+    inputs = {"graph": opened.graph.hash, **_hashes(path)}
     if overrides is not None:
         inputs["overrides"] = sha256_of(overrides)
+    knowledge = KnowledgeTables(record, halves)
     write_knowledge(out, COMMAND, knowledge, inputs=inputs, files=files, force=force)
     return view
 
@@ -255,18 +253,13 @@ def _alignment_rows(
 ) -> list[Sequence[str]]:
     """Return the lines of ``alignment.tsv``, in columns."""
     rows = list[Sequence[str]]()
-    nodes = alignment.nodes.tolist()
-    for entity, label in enumerate(entities):
-        node = nodes[entity]
-        name = ""
+    columns = (entities, alignment.nodes, alignment.methods, alignment.confidences)
+    for label, node, method, confidence in zip(*columns, strict=True):
+        name = network.name_of(node) if node >= 0 else ""
         meaning = ""
-        if node >= 0:
-            name = f"{network.prefix}:{network.nodes[node]}"
-            if network.glosses:
-                lemmas = ", ".join(network.lemmas[node])
-                meaning = f"{lemmas}: {network.glosses[node]}"
-        confidence = f"{alignment.confidences[entity]:.3f}"
-        rows.append((label, name, alignment.methods[entity], confidence, meaning))
+        if node >= 0 and network.glosses:
+            meaning = f"{', '.join(network.lemmas[node])}: {network.glosses[node]}"
+        rows.append((label, name, method, f"{confidence:.3f}", meaning))
     return rows
 
 
@@ -278,9 +271,7 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def _hashes(path: Path) -> dict[str, str]:
     """Return the hash of a file, or of each file in a folder, by name."""
-    files = [path]
-    if path.is_dir():
-        files = sorted(file for file in path.iterdir() if file.is_file())
+    files = sorted(filter(Path.is_file, path.iterdir())) if path.is_dir() else [path]
     return {file.name: sha256_of(file) for file in files}
 
 

@@ -55,6 +55,11 @@ class TableInfo(Record, frozen=True, kw_only=True):
     role: Role
     phrase: str
 
+    def words(self, row: str, column: str) -> str:
+        """Return the phrase with the labels of a cell's row and column."""
+        places = ("{a}", "{b}") if self.role == "pair" else ("{ingredient}", "{result}")
+        return self.phrase.replace(places[0], row).replace(places[1], column)
+
 
 class KnowledgeRecord(Record, frozen=True, kw_only=True):
     """The file ``knowledge.json``.
@@ -94,10 +99,8 @@ class KnowledgeTables:
         # Missing labels have the row and the column behind the last, of zeros.
         ids = [row_of.get(label, len(row_of)) for label in entities]
         rows = torch.tensor(ids, dtype=torch.int64)
-        tables = []
-        for table in self.tables:
-            with_zeros = torch.nn.functional.pad(table, (0, 1, 0, 1))
-            tables.append(with_zeros[rows[:, None], rows])
+        with_zeros = (torch.nn.functional.pad(table, (0, 1, 0, 1)) for table in self.tables)
+        tables = [table[rows[:, None], rows] for table in with_zeros]
         record = msgspec.structs.replace(self.record, entities=tuple(entities))
         return KnowledgeTables(record, tuple(tables))
 
@@ -113,8 +116,7 @@ class KnowledgeTables:
             # By row and by column: an entity may be an ingredient only, or a result only.
             is_known |= has_value.any(1) | has_value.any(0)
         described = set(compress(self.record.entities, is_known.tolist()))
-        num_described = sum(label in described for label in entities)
-        return num_described / max(len(entities), 1)
+        return sum(label in described for label in entities) / max(len(entities), 1)
 
 
 def write_knowledge(
@@ -168,15 +170,13 @@ def read_knowledge(folder: str | Path) -> KnowledgeTables:
     tensors = files.tensors(TABLES)
     size = len(record.entities)
     names = [info.name for info in record.tables]
-    shape = (size, size)
-    has_shape = all(tensor.shape == shape for tensor in tensors.values())
+    has_shape = all(tensor.shape == (size, size) for tensor in tensors.values())
     if set(names) != set(tensors) or not has_shape:
         raise ArtefactError(
             f"{files.folder / TABLES} does not hold the tables in {KNOWLEDGE}, with {size} rows "
             "and columns. Make the folder again."
         )
-    tables = tuple(tensors[name].half() for name in names)
-    return KnowledgeTables(record, tables)
+    return KnowledgeTables(record, tuple(tensors[name].half() for name in names))
 
 
 def knowledge_files(folder: str | Path) -> RunFiles:
@@ -189,8 +189,7 @@ def knowledge_files(folder: str | Path) -> RunFiles:
         ArtefactError: if the folder is unfinished, incomplete, damaged or of another kind.
     """
     folder = Path(folder)
-    run = read_finished_run(folder, EXPECTED, KNOWLEDGE)
-    return RunFiles(folder, run)
+    return RunFiles(folder, read_finished_run(folder, EXPECTED, KNOWLEDGE))
 
 
 def read_rows(files: RunFiles, name: str) -> list[list[str]]:

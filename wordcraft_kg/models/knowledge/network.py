@@ -1,17 +1,22 @@
-"""Graphs from outside the recipe book, such as WordNet, in memory: nodes, spellings, edges.
+"""Graphs from outside the recipe book, such as WordNet, in memory, and the nodes of labels.
 
-The page docs/outside-knowledge.md says which graphs there are.
+A label's first method with a node counts: exact spelling, then base form (lemma). A head word does
+not: a family tree is no tree, and has no wood. Among several nodes (senses), the first of the
+network's order counts, which in WordNet is the most frequent one: a choice by definitions and
+recipes scored no better.
+
+The page docs/outside-knowledge.md says which graphs there are, and shows the alignment under
+*WordNet, ConceptNet, any triples*.
 """
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from wordcraft_kg.base import KnowledgeFileError, nearest
 from wordcraft_kg.base.labels import folded
 from wordcraft_kg.graphs.arrays import Ids
 
@@ -29,9 +34,6 @@ _ENDINGS = {
 
 Source: WordNet 3.0 manual, morphy(7).
 """
-
-
-_WORD = re.compile(r"[a-z0-9]+")
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +73,8 @@ class Network:
             yield before + singular
         for ending, replacement in _ENDINGS.items():
             # A stem of one letter is no word: as is no plural of a.
-            shortest = len(ending) + 2
-            if last.endswith(ending) and len(last) >= shortest:
-                stem = last.removesuffix(ending)
-                yield before + stem + replacement
+            if last.endswith(ending) and len(last) >= len(ending) + 2:
+                yield before + last.removesuffix(ending) + replacement
 
     def base_form(self, word: str) -> str:
         """Return a word's base form, or the word if the network has no spelling for any."""
@@ -85,34 +85,9 @@ class Network:
                 return form
         return word
 
-    def definitions(self) -> list[list[str]]:
-        """The words of each gloss, in base forms."""
-        # The same words occur in most definitions.
-        base_form = cache(self.base_form)
-        words_of = [_WORD.findall(plain(gloss)) for gloss in self.glosses]
-        return [list(map(base_form, words)) for words in words_of]
-
-    def with_edges(self, relation: str, edges: Ids, weights: NDArray[np.float64]) -> "Network":
-        """Return a network with a further relation.
-
-        Args:
-            relation: name of the relation.
-            edges: its edges, shape (M', 2): head and tail.
-            weights: their weights, shape (M',).
-
-        Returns:
-            A new network.
-        """
-        heads, tails = edges.T
-        # The new relation gets the next id.
-        between = np.full(len(edges), len(self.relations))
-        rows = np.column_stack([heads, between, tails])
-        return replace(
-            self,
-            relations=(*self.relations, relation),
-            edges=np.concatenate([self.edges, rows]),
-            weights=np.concatenate([self.weights, weights]),
-        )
+    def name_of(self, node: int) -> str:
+        """Return a node's name with the network's prefix."""
+        return f"{self.prefix}:{self.nodes[node]}"
 
     def ids_of(self, names: Sequence[str]) -> list[int]:
         """Return the ids of relations by name; names that the network lacks are ignored."""
@@ -127,15 +102,10 @@ class Network:
             names: relations that count; all of them if it is empty. Names that the network lacks
                 are ignored; without a known one, the matrix holds zeros alone.
         """
-        heads, relations, tails = self.edges.T
-        weights = self.weights
-        if names:
-            is_wanted = np.isin(relations, self.ids_of(names))
-            heads = heads[is_wanted]
-            tails = tails[is_wanted]
-            weights = weights[is_wanted]
+        is_wanted = np.isin(self.edges[:, 1], self.ids_of(names or self.relations))
+        heads, _, tails = self.edges[is_wanted].T
         size = len(self.nodes)
-        return sparse.csr_array((weights, (heads, tails)), shape=(size, size))
+        return sparse.csr_array((self.weights[is_wanted], (heads, tails)), shape=(size, size))
 
 
 def plain(text: str) -> str:
@@ -160,14 +130,139 @@ def unique_edges(
     """
     num_nodes, num_relations = sizes
     is_kept = edges[:, 0] != edges[:, 2]
-    head, relation, tail = edges[is_kept].T
+    shape = (num_nodes, num_relations, num_nodes)
     # One integer for each edge sorts faster than rows of three.
-    keys = (head * num_relations + relation) * num_nodes + tail
+    keys = np.ravel_multi_index(tuple(edges[is_kept].T), shape)
     unique_keys, place = np.unique(keys, return_inverse=True)
-    # Back from the integers: the tail is the last digit, the relation the one before.
-    heads_and_relations, tails = np.divmod(unique_keys, num_nodes)
-    heads, relations = np.divmod(heads_and_relations, num_relations)
     sums = np.bincount(place, weights[is_kept], minlength=len(unique_keys))
-    distinct_edges = np.column_stack([heads, relations, tails])
+    distinct_edges = np.column_stack(np.unravel_index(unique_keys, shape))
     # Without edges, bincount has counted in integers.
     return distinct_edges, sums.astype(np.float64)
+
+
+# --- alignment ------------------------------------------------------------------------------------
+
+METHODS = {"exact": 1.0, "lemma": 0.95}
+"""Confidence that a method finds the right word, before a sense is chosen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """The node of each entity.
+
+    Attributes:
+        nodes: shape (E,), int64: node ids, -1 without a node.
+        methods: how each node was found: a key of :data:`METHODS`, ``override`` or ``left out``
+            (both by the user), or ``none``.
+        confidences: shape (E,), from 0 to 1: the method's confidence times the chance of the
+            sense.
+    """
+
+    nodes: Ids
+    methods: tuple[str, ...]
+    confidences: NDArray[np.float64]
+
+    def matrix(self, num_nodes: int) -> sparse.csr_array:
+        """Return the confidence of each entity's node, shape (E, num_nodes)."""
+        (entities,) = np.nonzero(self.nodes >= 0)
+        cells = (entities, self.nodes[entities])
+        shape = (len(self.nodes), num_nodes)
+        return sparse.csr_array((self.confidences[entities], cells), shape=shape)
+
+
+def align(network: Network, entities: Sequence[str]) -> Alignment:
+    """Align entity labels with nodes of a network; no recipe is read.
+
+    Args:
+        network: the graph from outside the book.
+        entities: labels in id order.
+
+    Returns:
+        The first sense of each entity, with less confidence where there are further ones.
+    """
+    joined = _joined(network, entities)
+    spelled = [_spelling(label, network, joined) for label in entities]
+    nodes = np.full(len(entities), -1)
+    confidences = np.zeros(len(entities))
+    for entity, (method, spelling) in enumerate(spelled):
+        senses = network.spellings.get(spelling, ())
+        if senses:
+            nodes[entity] = senses[0]
+            # The n-th sense is 1 / n times as likely.
+            chance = 1 / sum(1 / place for place in range(1, len(senses) + 1))
+            confidences[entity] = METHODS[method] * chance
+    methods = tuple(method for method, _ in spelled)
+    return Alignment(nodes, methods, confidences)
+
+
+def with_overrides(
+    alignment: Alignment,
+    network: Network,
+    entities: Sequence[str],
+    overrides: Mapping[str, str],
+) -> Alignment:
+    """Replace the nodes of some labels by nodes that the user names.
+
+    Args:
+        alignment: the automatic alignment.
+        network: the graph from outside the book.
+        entities: labels in id order.
+        overrides: names of nodes by label, with or without the network's prefix; empty to leave
+            the label out.
+
+    Returns:
+        A new alignment, in which a named node has confidence 1.
+
+    Raises:
+        KnowledgeFileError: for an unknown label or node.
+    """
+    nodes = alignment.nodes.copy()
+    confidences = alignment.confidences.copy()
+    methods = list(alignment.methods)
+    # A general graph has millions of nodes: no table of them without need.
+    names = network.nodes if overrides else ()
+    numbers = {name: node for node, name in enumerate(names)}
+    for label, name in overrides.items():
+        if label not in entities:
+            raise KnowledgeFileError(
+                f"`overrides` names '{label}', which is not a label of the "
+                f"graph.{nearest(label, entities)} Expected a label as in the first column of "
+                "alignment.tsv."
+            )
+        bare_name = name.removeprefix(f"{network.prefix}:")
+        node = numbers.get(bare_name, -1)
+        if name and node < 0:
+            raise KnowledgeFileError(
+                f"{network.source} has no node '{name}' (for '{label}'). Expected a node as in "
+                "the second column of alignment.tsv, or nothing to leave the label out."
+            )
+        entity = entities.index(label)
+        nodes[entity] = node
+        confidences[entity] = 1.0 if name else 0.0
+        methods[entity] = "override" if name else "left out"
+    return Alignment(nodes, tuple(methods), confidences)
+
+
+def _joined(network: Network, entities: Sequence[str]) -> dict[str, str]:
+    """Return spellings in several words by the label that joins them: "fire truck" by firetruck."""
+    joined_labels = {plain(label).replace(" ", "") for label in entities}
+    spaced = (text for text in network.spellings if " " in text)
+    joined = ((text.replace(" ", ""), text) for text in spaced)
+    return {short: text for short, text in joined if short in joined_labels}
+
+
+def _spelling(label: str, network: Network, joined: dict[str, str]) -> tuple[str, str]:
+    """Return the method and the network's spelling for a label, or ``none`` and ""."""
+    text = plain(label).rstrip("!?. ")
+    short = text.replace(" ", "")
+    base_forms = list(network.singulars(text))
+    # The first form that the network has decides, so the surest methods come first.
+    forms: dict[str, Iterable[str]] = {
+        "exact": [text],
+        "lemma": [*base_forms, joined.get(short, ""), short],
+    }
+    for method, texts in forms.items():
+        for form in texts:
+            if form in network.spellings:
+                return method, form
+    return "none", ""

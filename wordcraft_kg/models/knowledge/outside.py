@@ -28,6 +28,7 @@ from wordcraft_kg.graphs import (
 from wordcraft_kg.models.knowledge.books import (
     OtherBook,
     OutsideSource,
+    Words,
     joined,
     open_other_book,
     with_words_of,
@@ -38,7 +39,6 @@ from wordcraft_kg.models.knowledge.knowledge_folder import (
     knowledge_files,
     read_knowledge,
 )
-from wordcraft_kg.models.knowledge.words import Words
 from wordcraft_kg.models.scorers.neighbours.links import CELLS, link_features
 from wordcraft_kg.models.scorers.score_limits import check_table
 
@@ -106,8 +106,7 @@ def open_outside(
         ArtefactError: if a folder is incomplete or damaged.
     """
     folders = _Tables()
-    pairs: list[Tensor] = []
-    parts: list[Tensor] = []
+    tables: dict[str, list[Tensor]] = {"pair": [], "part": []}
     sources: list[OutsideSource] = []
     books: list[OtherBook] = []
     for spec in specs:
@@ -115,18 +114,17 @@ def open_outside(
             sources.append(_of_folder(spec, opened, folders))
             continue
         book_alone = open_other_book(spec, opened, without=without)
-        tables, book = _of_book(book_alone, opened, features, allow_missing)
+        link_tables, book = _of_book(book_alone, opened, features, allow_missing)
         books.append(book)
-        pairs += tables.pairs
-        parts += tables.parts
+        tables["pair"] += link_tables.pairs
+        tables["part"] += link_tables.parts
         sources.append(book.source)
     # After all folders are read: tables of several folders may have become one.
     for (_, _, role), table in folders.items():
-        if role == "pair":
-            pairs.append(table)
-        else:
-            parts.append(table)
-    return OutsideKnowledge(LinkTables(pairs, parts), tuple(sources), tuple(books))
+        tables[role].append(table)
+    return OutsideKnowledge(
+        LinkTables(tables["pair"], tables["part"]), tuple(sources), tuple(books)
+    )
 
 
 def is_book(spec: str) -> bool:
@@ -164,9 +162,9 @@ def _of_folder(spec: str, opened: OpenedGraph, tables: _Tables) -> OutsideSource
     for info, table in zip(rearranged.record.tables, rearranged.tables, strict=True):
         key = (origin, info.name, info.role)
         new = table.float()
-        before = tables.get(key)
+        before = tables.get(key, new)
         # 0 is a cell that the earlier folder says nothing about.
-        tables[key] = new if before is None else before.where(before != 0, new)
+        tables[key] = before.where(before != 0, new)
     return OutsideSource(name=name, kind="tables", sha256=run.outputs[TABLES], coverage=coverage)
 
 
@@ -271,20 +269,20 @@ def join_books(
         book_alone = open_other_book(spec, opened, keep_train=keep_train)
         other_book, _ = with_words_of(book_alone, opened, features, allow_missing=allow_missing)
         books.append(other_book)
-    # Tables alone: there is nothing to join, and no recipe to learn from.
-    if not books:
-        own_graph = opened.graph
-        number = own_graph.num_recipes
-        no_recipe = TrainSample.of(own_graph, np.zeros(number, dtype=bool))
-        without = Folds(opened.split, folds, 0, np.full(number, OUTSIDE), no_recipe)
-        sources = open_outside(specs, opened, features, allow_missing=allow_missing)
-        return JointBook(opened, torch.arange(own_graph.num_entities), without, sources)
-    joint, place = joined(books, opened)
     no_books = [spec for spec in specs if not is_book(spec)]
+    if books:
+        joint, ids = joined(books, opened)
+        joint_folds = make_folds(joint.split, folds)
+    else:
+        # Tables alone: there is nothing to join, and no recipe to learn from.
+        joint = opened
+        ids = np.arange(opened.graph.num_entities)
+        number = opened.graph.num_recipes
+        no_recipe = TrainSample.of(opened.graph, np.zeros(number, dtype=bool))
+        joint_folds = Folds(opened.split, folds, 0, np.full(number, OUTSIDE), no_recipe)
     if no_books:
         check_table("outside knowledge of all books", joint.graph.num_entities)
     sources = open_outside(no_books, joint, features, allow_missing=allow_missing)
     book_sources = [book.source for book in books]
     outside = OutsideKnowledge(sources.tables, (*book_sources, *sources.sources))
-    ids = torch.tensor([place[label] for label in opened.graph.entities])
-    return JointBook(joint, ids, make_folds(joint.split, folds), outside)
+    return JointBook(joint, torch.from_numpy(ids), joint_folds, outside)

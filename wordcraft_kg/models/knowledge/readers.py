@@ -1,21 +1,29 @@
-"""Read ConceptNet assertions, and tables of triples, line by line; plain or gzipped.
+"""Read general graphs: ConceptNet assertions, tables of triples, and WordNet's database files.
 
-Memory holds nodes and edges, about 150 bytes for a new node and 30 for an edge, never the lines.
+Assertions and triples are read line by line, plain or gzipped. Memory holds nodes and edges, about
+150 bytes for a new node and 30 for an edge, never the lines.
 
-The page docs/outside-knowledge.md describes the formats.
+Of WordNet, only nouns have spellings; verbs, adjectives and adverbs link nouns, as *bake* links
+*baker* and *bakery*.
+
+The page docs/outside-knowledge.md describes the formats, and says where the files come from.
+
+Source: WordNet 3.0 manual, wndb(5).
 """
 
 import csv
 from array import array
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
 
 from wordcraft_kg.base.artefacts import read_lines
 from wordcraft_kg.base.errors import KnowledgeFileError
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.knowledge.network import Network, plain, unique_edges
 
 HEADER = ("head", "relation", "tail")
@@ -177,21 +185,15 @@ class _Collected:
         # The names as bytes are no longer needed.
         self.nodes.clear()
         # Three numbers for each edge, one after another: head, relation and tail.
-        ids = np.frombuffer(self.ids, np.int32).reshape(-1, 3)
-        sums = np.frombuffer(self.weights, np.float32)
-        edges, weights = unique_edges(
-            ids.astype(np.int64),
-            sums.astype(np.float64),
-            (len(nodes), len(relations)),
-        )
+        ids = np.frombuffer(self.ids, np.int32).reshape(-1, 3).astype(np.int64)
+        sums = np.frombuffer(self.weights, np.float32).astype(np.float64)
+        edges, weights = unique_edges(ids, sums, (len(nodes), len(relations)))
         spellings: dict[str, tuple[int, ...]] = {}
         for node, name in enumerate(nodes):
             # ConceptNet's names are folded already, which :func:`plain` would do again for
             # millions.
-            if prefix == "other":
-                text = plain(name)
-            else:
-                text = name.replace("_", " ").replace("'", "")
+            is_folded = prefix == "cn"
+            text = name.replace("_", " ").replace("'", "") if is_folded else plain(name)
             spellings[text] = (*spellings.get(text, ()), node)
         return Network(source, prefix, nodes, relations, edges, np.log1p(weights), spellings)
 
@@ -211,3 +213,239 @@ def _fault(path: Path, line: int, problem: str) -> KnowledgeFileError:
     return KnowledgeFileError(
         f"{path}, line {line:,}: {problem}. Restore a copy of the file, or correct the line."
     )
+
+
+# --- WordNet --------------------------------------------------------------------------------------
+
+_PARTS = {"noun": "n", "verb": "v", "adj": "a", "adv": "r"}
+"""Parts of speech by the ending of a file's name."""
+_POINTERS = {
+    "@": "isA",
+    "@i": "isA",
+    "#p": "partOf",
+    "#s": "substanceOf",
+    "#m": "memberOf",
+    "+": "relatedForm",
+    "!": "antonym",
+    "=": "attribute",
+    ";c": "topic",
+    ";r": "region",
+    "*": "entails",
+    ">": "causes",
+    "&": "similar",
+    "\\": "pertainsTo",
+}
+"""Relations by pointer symbol.
+
+The rest are inverses, which would be duplicates, or say nothing about things.
+"""
+_RELATIONS = tuple(dict.fromkeys(_POINTERS.values()))
+_SYMMETRIC_POINTERS = {
+    _RELATIONS.index(name) for name in ("relatedForm", "antonym", "attribute", "similar")
+}
+NEEDED = ("data.noun", "index.noun")
+"""Files without which a folder is refused; the others add verbs and irregular plurals."""
+_Key = tuple[str, str]
+"""Part of speech and offset, which name a synset."""
+T = TypeVar("T")
+
+
+class _Synset(NamedTuple):
+    """A line of a data file; a synset is a node.
+
+    Attributes:
+        offset: the name of the synset among those of its part of speech.
+        lemmas: its names.
+        gloss: its definition without examples.
+        pointers: relation ids and targets.
+    """
+
+    offset: str
+    lemmas: list[str]
+    gloss: str
+    pointers: list[tuple[int, _Key]]
+
+
+def read_wordnet(folder: Path) -> Network:
+    """Read WordNet's database files.
+
+    Raises:
+        KnowledgeFileError: if a needed file is missing, or a file is cut or names a synset that
+            does not exist.
+    """
+    for name in NEEDED:
+        if not (folder / name).is_file():
+            raise KnowledgeFileError(
+                f"{folder / name} is not a file; expected a folder with WordNet's database files, "
+                f"{', '.join(NEEDED)} and others (Debian: package wordnet-base)."
+            )
+    nodes: dict[_Key, int] = {}
+    synsets: list[_Synset] = []
+    # File and line of each synset, for errors.
+    origins: list[tuple[str, int]] = []
+    for part, letter in _PARTS.items():
+        name = f"data.{part}"
+        for number, synset in _parsed(folder, name, _synset, "a complete synset"):
+            if nodes.setdefault((letter, synset.offset), len(synsets)) < len(synsets):
+                raise _wordnet_fault(folder, name, number, f"synset {synset.offset} is repeated")
+            synsets.append(synset)
+            origins.append((name, number))
+    edges = _edges(folder, nodes, synsets, origins)
+    # Several lemmas may have one plain spelling, such as x-ray and x_ray.
+    spellings = defaultdict[str, dict[int, None]](dict)
+    for lemma, senses in _senses(folder, nodes, synsets).items():
+        spellings[plain(lemma)] |= dict.fromkeys(senses)
+    plurals = _parsed(folder, "noun.exc", _exception, "a plural that has a base form")
+    return Network(
+        source="WordNet",
+        prefix="wn",
+        nodes=[f"{offset}-{letter}" for letter, offset in nodes],
+        relations=_RELATIONS,
+        edges=edges,
+        weights=np.ones(len(edges)),
+        spellings={text: list(senses) for text, senses in spellings.items()},
+        exceptions={plural: singulars for _, (plural, singulars) in plurals},
+        lemmas=[synset.lemmas for synset in synsets],
+        glosses=[synset.gloss for synset in synsets],
+    )
+
+
+def _edges(
+    folder: Path,
+    nodes: dict[_Key, int],
+    synsets: Sequence[_Synset],
+    origins: Sequence[tuple[str, int]],
+) -> Ids:
+    """Return the pointers as edges, each symmetric relation in one direction."""
+    letters = {letter for letter, _ in nodes}
+    rows = []
+    for node, synset in enumerate(synsets):
+        for relation, target in synset.pointers:
+            letter, offset = target
+            if target in nodes:
+                ends = (node, nodes[target])
+                head, tail = sorted(ends) if relation in _SYMMETRIC_POINTERS else ends
+                rows.append((head, relation, tail))
+            # Otherwise the folder lacks this part of speech.
+            elif letter in letters:
+                problem = f"synset {offset}-{letter} does not exist"
+                raise _wordnet_fault(folder, *origins[node], problem)
+    # Without pointers, the reshape makes three columns all the same.
+    edges = np.array(rows, dtype=np.int64).reshape(-1, 3)
+    # Weights do not matter: equal pointers are one edge of weight 1.
+    distinct, _ = unique_edges(edges, np.ones(len(edges)), (len(nodes), len(_RELATIONS)))
+    return distinct
+
+
+def _senses(
+    folder: Path,
+    nodes: dict[_Key, int],
+    synsets: Sequence[_Synset],
+) -> dict[str, list[int]]:
+    """Return the noun senses of each lemma (with underscores), most frequent first."""
+    name = "index.noun"
+    senses = {}
+    number = 0
+    for number, (lemma, offsets) in _parsed(folder, name, _entry, "a complete entry"):
+        for offset in offsets:
+            if ("n", offset) not in nodes:
+                problem = f"synset {offset} of '{lemma}' does not exist in data.noun"
+                raise _wordnet_fault(folder, name, number, problem)
+        senses[lemma] = [nodes["n", offset] for offset in offsets]
+    # An index that was cut between two lines would hide nouns without an error.
+    for (letter, offset), node in nodes.items():
+        for lemma in synsets[node].lemmas if letter == "n" else ():
+            if lemma.lower().replace(" ", "_") not in senses:
+                problem = f"no entry for '{lemma}' of synset {offset}"
+                raise _wordnet_fault(folder, name, number + 1, problem)
+    return senses
+
+
+# --- lines --------------------------------------------------------------------------------------
+
+
+def _parsed(
+    folder: Path, name: str, parse: Callable[[str], T], expected: str
+) -> Iterator[tuple[int, T]]:
+    """Yield number and content of each line below the licence, which begins with blanks.
+
+    Args:
+        folder: WordNet's folder.
+        name: name of the file; a file that does not exist has no lines.
+        parse: parses a line, or raises an IndexError or ValueError.
+        expected: what a line is, for the error.
+    """
+    path = folder / name
+    if not path.is_file():
+        return
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for number, line in enumerate(file, 1):
+            if line.startswith("  "):
+                continue
+            try:
+                content = parse(line)
+            except (IndexError, ValueError):
+                problem = f"'{line.strip()[:60]}' is not {expected}"
+                raise _wordnet_fault(folder, name, number, problem) from None
+            yield number, content
+
+
+def _wordnet_fault(folder: Path, name: str, line: int, problem: str) -> KnowledgeFileError:
+    return KnowledgeFileError(
+        f"{folder / name}, line {line}: {problem}. The file is damaged or cut; install WordNet "
+        "again."
+    )
+
+
+def _synset(line: str) -> _Synset:
+    """Parse a line of a data file.
+
+    It has offset, field, type, number of words (hexadecimal), words with ids, number of pointers,
+    pointers of four columns each (symbol, offset, part of speech, words), and the gloss behind a
+    bar.
+    """
+    synset, bar, gloss = line.partition("|")
+    columns = synset.split()
+    offset, _, _, num_words, *_ = columns
+    # A word and its id, for each word; four columns for each pointer, behind their number.
+    end = 4 + 2 * int(num_words, 16)
+    words = columns[4:end:2]
+    first = end + 1
+    last = first + 4 * int(columns[end])
+    # Cut lines lack columns or the end of the line.
+    if not bar or not line.endswith("\n") or not words or last > len(columns):
+        raise ValueError
+    pointers = []
+    for place in range(first, last, 4):
+        symbol, target, letter, _ = columns[place : place + 4]
+        if symbol in _POINTERS:
+            # Satellite adjectives, s, lie in the file of adjectives.
+            key = ("a" if letter == "s" else letter, target)
+            pointers.append((_RELATIONS.index(_POINTERS[symbol]), key))
+    # Some adjectives end with a mark for their position, such as (p).
+    lemmas = [word.partition("(")[0].replace("_", " ") for word in words]
+    # The definition without the examples, which begin with quotes.
+    definition, _, _ = gloss.partition('; "')
+    return _Synset(offset, lemmas, definition.strip(), pointers)
+
+
+def _entry(line: str) -> tuple[str, list[str]]:
+    """Parse a line of the index: a lemma and the offsets of its senses.
+
+    After the number of senses it has the number of pointer symbols, the symbols, numbers of senses
+    and of tagged senses, and an offset for each sense.
+    """
+    lemma, _, count, *fields = line.split()
+    num_senses = int(count)
+    # All fields but the symbols are counted by `num_senses` and these three numbers.
+    if not line.endswith("\n") or len(fields) != int(fields[0]) + 3 + num_senses:
+        raise ValueError
+    return lemma, fields[len(fields) - num_senses :]
+
+
+def _exception(line: str) -> tuple[str, list[str]]:
+    """Parse an irregular plural with its singulars."""
+    plural, *singulars = line.replace("_", " ").split()
+    if not singulars:
+        raise ValueError
+    return plural, singulars

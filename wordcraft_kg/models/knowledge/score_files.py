@@ -1,7 +1,6 @@
 """Read scores of sets for results from a CSV file, such as a language model's opinions."""
 
 import csv
-from collections.abc import Iterator
 from pathlib import Path
 
 import torch
@@ -29,12 +28,7 @@ def read_scores(path: Path, graph: RecipeGraph) -> SetTableScorer:
             or too large, or a set and result that stand twice; the message names the line.
         ArtefactError: if there is no such file, or it is too large.
     """
-    try:
-        text = read_large_file(path).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise KnowledgeFileError(f"{path}: not UTF-8 ({error.reason}). Save it as UTF-8.") from None
-    rows = csv.DictReader(text.splitlines())
-    names = list(rows.fieldnames or ())
+    names, rows = _rows(path)
     ingredients = [name for name in names if name not in ("result", "score")]
     if len(ingredients) != len(names) - 2 or not ingredients or len(set(names)) < len(names):
         raise KnowledgeFileError(
@@ -42,8 +36,8 @@ def read_scores(path: Path, graph: RecipeGraph) -> SetTableScorer:
             "a column for each ingredient), result and score."
         )
     values: dict[tuple[tuple[int, ...], int], float] = {}
-    for row in _rows(rows, path):
-        place = f"{path}, line {rows.line_num}"
+    for line, row in rows:
+        place = f"{path}, line {line}"
         try:
             if ingredients == ["set"]:
                 labels = row["set"].split(" + ")
@@ -78,10 +72,16 @@ def read_scores(path: Path, graph: RecipeGraph) -> SetTableScorer:
     return SetTableScorer(tensors, graph.entities, graph.hash)
 
 
-def _rows(rows: "csv.DictReader[str]", path: Path) -> Iterator[dict[str, str]]:
-    """Yield the rows; what is no CSV, such as a cell of a megabyte, is an error with its line."""
+def _rows(path: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
+    """Return the names of the columns, and the rows, each with the number of its line."""
     try:
-        yield from rows
+        text = read_large_file(path).decode("utf-8-sig")
+        table = csv.DictReader(text.splitlines())
+        rows = [(table.line_num, row) for row in table]
+    except UnicodeDecodeError as error:
+        raise KnowledgeFileError(f"{path}: not UTF-8 ({error.reason}). Save it as UTF-8.") from None
     except csv.Error as error:
-        line = rows.line_num + 1
+        # Such as a cell of a megabyte.
+        line = table.line_num + 1
         raise KnowledgeFileError(f"{path}, line {line}: {error}; expected CSV.") from None
+    return list(table.fieldnames or ()), rows

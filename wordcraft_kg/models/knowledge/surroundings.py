@@ -1,26 +1,54 @@
-"""An aligned graph around the entities: triples for training, and facts for explanations.
+"""An aligned graph around the entities: tables over pairs, triples for training, and facts.
 
-The page docs/outside-knowledge.md says what they are for.
+Let S, shape (E, N), hold the confidence of each entity's node, and let A, shape (N, N), hold
+weights of edges from heads to tails. All tables have values from 0 to 1, and 0 on the diagonal:
+pairs of an entity with itself differ from all others, and would stand out for no reason of the
+source.
+
+The page docs/outside-knowledge.md has a row for each table, and says what triples and facts are
+for.
 """
 
+import operator
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import cache
+from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
 
 from wordcraft_kg.base.errors import KnowledgeFileError
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.models.knowledge.alignment import Alignment
-from wordcraft_kg.models.knowledge.network import Network
-from wordcraft_kg.models.knowledge.paths import DESCRIBED_BY, IS_A
+from wordcraft_kg.models.knowledge.knowledge_folder import TableInfo
+from wordcraft_kg.models.knowledge.network import Alignment, Network, plain
 
+IS_A = ("isA", "IsA")
+"""Relations from a thing to its class, in the spellings of WordNet and ConceptNet."""
+DESCRIBED_BY = "describedBy"
+"""The relation that :func:`with_descriptions` adds."""
+PART_OF = ("partOf", "substanceOf", "memberOf", "PartOf")
+"""Relations from a part to the whole."""
+HAS_PART = ("HasA", "MadeOf")
+"""Relations from a whole to a part."""
+_STEPS = 2
+"""Most steps to classes from which parts are inherited."""
+_DAMPING = 1_000.0
+"""Scale of the logarithm: weights below 1 / 1000 stay about proportional."""
+_BLOCK = 32
+"""Entities in a block of dense walks."""
+Floats = NDArray[np.float64]
+Table = tuple[TableInfo, Floats]
 MOST_TRIPLES = 200_000
 """Most edges in ``triples.tsv``: first those between entities, then those with large weights."""
 MOST_FACTS = 5
 """Most facts about an entity."""
 # They explain nothing to a reader, or say what a thing is not.
 _NO_FACTS = ("relatedForm", "antonym", "attribute", "topic", "region", "similar", "pertainsTo")
+_WORD = re.compile(r"[a-z0-9]+")
 _WORD_BREAK = re.compile(r"(?<=[a-z])(?=[A-Z])|[_-]+")
 """Places between the words of a relation's name: partOf, part_of, part-of."""
 Triple = tuple[str, str, str]
@@ -57,11 +85,12 @@ class Surroundings:
                 )
         heads, relations, tails = network.edges.T
         starts_at_entity = self._is_entity[heads]
-        is_near = starts_at_entity | self._is_entity[tails]
         # Of definitions only those of entities: each mentions entities, and there are many.
         is_definition = np.isin(relations, network.ids_of([DESCRIBED_BY]))
-        is_foreign = is_definition & ~starts_at_entity
-        (self._rows,) = np.nonzero(is_near & ~is_foreign)
+        ends_at_entity = self._is_entity[tails] & ~is_definition
+        is_near = starts_at_entity | ends_at_entity
+        self._edges = network.edges[is_near]
+        self._weights = network.weights[is_near]
 
     def triples(self) -> Iterator[Triple]:
         """Yield triples of names: labels of entities, and names of other nodes with a prefix.
@@ -73,25 +102,25 @@ class Surroundings:
         are taken, those between entities first.
         """
         network = self._network
-        edges = network.edges[self._rows]
+        edges = self._edges
         if network.glosses:
             # Shape (C, 3), also without any class.
             classes = np.array(list(self._classes()), dtype=edges.dtype).reshape(-1, 3)
             with_classes = np.concatenate([edges, classes])
             edges = np.unique(with_classes, axis=0)
         else:
-            is_inner = self._is_entity[_ends(edges)].all(1)
-            weights = network.weights[self._rows]
+            is_inner = self._is_entity[edges[:, ::2]].all(1)
             # The last key sorts first.
-            order = np.lexsort((-weights, ~is_inner))
+            order = np.lexsort((-self._weights, ~is_inner))
             # Chosen by weight, but in the order of the edges, so that files compare well.
             rows = np.sort(order[:MOST_TRIPLES])
             edges = edges[rows]
         for head, relation, tail in self._without_ends(edges).tolist():
             name = f"{network.prefix}:{network.relations[relation]}"
-            for head_name in self._names(head):
-                for tail_name in self._names(tail):
-                    yield head_name, name, tail_name
+            heads = self._labels.get(head, [network.name_of(head)])
+            tails = self._labels.get(tail, [network.name_of(tail)])
+            for head_name, tail_name in product(heads, tails):
+                yield head_name, name, tail_name
 
     def facts(self) -> Iterator[Triple]:
         """Yield at most :data:`MOST_FACTS` facts about each entity.
@@ -99,31 +128,21 @@ class Surroundings:
         Classes come first, then facts with another entity, then facts with large weights.
         """
         network = self._network
-        edges = network.edges[self._rows]
-        weights = network.weights[self._rows]
         # Relations that explain nothing are left out before all others are put in order.
-        is_fact = ~np.isin(edges[:, 1], network.ids_of(_NO_FACTS))
-        edges = edges[is_fact]
-        weights = weights[is_fact]
+        is_fact = ~np.isin(self._edges[:, 1], network.ids_of(_NO_FACTS))
+        edges = self._edges[is_fact]
         is_class = np.isin(edges[:, 1], network.ids_of(IS_A))
         is_about_entity = self._is_entity[edges[:, 2]]
         # The last key sorts first.
-        order = np.lexsort((-weights, ~is_about_entity, ~is_class))
+        order = np.lexsort((-self._weights[is_fact], ~is_about_entity, ~is_class))
         facts = defaultdict[int, list[tuple[str, str]]](list)
         for head, relation, tail in edges[order].tolist():
-            if network.lemmas:
-                name = network.lemmas[tail][0]
-            else:
-                name = network.nodes[tail]
-            relation_name = network.relations[relation]
-            phrase = _phrase(relation_name)
-            for label in self._labels.get(tail, [name]):
-                facts[head].append((phrase, label))
+            name = network.lemmas[tail][0] if network.lemmas else network.nodes[tail]
+            phrase = _phrase(network.relations[relation])
+            facts[head] += [(phrase, label) for label in self._labels.get(tail, [name])]
         for node, labels in self._labels.items():
-            first_facts = facts[node][:MOST_FACTS]
-            for label in labels:
-                for phrase, object_label in first_facts:
-                    yield label, phrase, object_label
+            for label, (phrase, object_label) in product(labels, facts[node][:MOST_FACTS]):
+                yield label, phrase, object_label
 
     def _classes(self) -> Iterator[tuple[int, int, int]]:
         """Yield an edge from each entity's node to each direct or indirect class."""
@@ -131,23 +150,16 @@ class Surroundings:
 
         (relation,) = self._network.ids_of(IS_A)
         edges = self._network.edges
-        classes = nx.DiGraph()
+        classes = nx.DiGraph(edges[edges[:, 1] == relation][:, ::2].tolist())
         classes.add_nodes_from(self._labels)
-        classes.add_edges_from(edges[edges[:, 1] == relation][:, ::2].tolist())
         for node in self._labels:
             for ancestor in nx.descendants(classes, node):
                 yield node, relation, ancestor
 
-    def _names(self, node: int) -> Iterable[str]:
-        if node in self._labels:
-            return self._labels[node]
-        network = self._network
-        return (f"{network.prefix}:{network.nodes[node]}",)
-
     def _without_ends(self, edges: Ids) -> Ids:
         """Leave out nodes with a single edge, until none is left; entities stay."""
         while True:
-            ends = _ends(edges)
+            ends = edges[:, ::2]
             degrees = np.bincount(ends.ravel(), minlength=len(self._is_entity))
             stays = self._is_entity | (degrees > 1)
             is_kept = stays[ends].all(1)
@@ -156,15 +168,189 @@ class Surroundings:
             edges = edges[is_kept]
 
 
-def _ends(edges: Ids) -> Ids:
-    """Return head and tail of each edge, shape (n, 2)."""
-    return edges[:, ::2]
-
-
 def _phrase(relation: str) -> str:
     """Return a relation's name in words with a verb, such as ``is part of`` for partOf."""
-    separate = _WORD_BREAK.sub(" ", relation)
-    words = separate.lower().strip()
+    words = _WORD_BREAK.sub(" ", relation).lower().strip()
     # "makes dough" has a verb, "part of dough" none.
     has_verb = re.match(r"\w*[^s]s\b", words)
     return words if has_verb else f"is {words}"
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+def with_descriptions(network: Network, alignment: Alignment, entities: Sequence[str]) -> Network:
+    """Add an edge from each node to each entity in its definition.
+
+    An entity in n of N definitions has edges of weight ``1 - log(1 + n) / log(1 + N)``: a word in
+    most definitions says little.
+
+    Args:
+        network: a network with definitions.
+        alignment: the node of each entity.
+        entities: labels in id order.
+
+    Returns:
+        The network with the further relation :data:`DESCRIBED_BY`; the given one stays as it is.
+    """
+    # The same words occur in most definitions.
+    base_form = cache(network.base_form)
+    definitions = [list(map(base_form, _WORD.findall(plain(gloss)))) for gloss in network.glosses]
+    phrases = _phrases(network, alignment, entities)
+    # Sorted, because sets have no order that is the same in every process.
+    mentions = sorted(_mentions(definitions, phrases))
+    # Without mentions, the reshape makes two columns all the same.
+    edges = np.array(mentions, dtype=np.int64).reshape(-1, 2)
+    num_nodes = len(network.nodes)
+    tail = edges[:, 1]
+    log_counts = np.log1p(np.bincount(tail, minlength=num_nodes))
+    weights = 1 - log_counts[tail] / np.log1p(num_nodes)
+    # The new relation gets the next id.
+    relations = np.full(len(edges), len(network.relations))
+    rows = np.column_stack([edges[:, 0], relations, tail])
+    return replace(
+        network,
+        relations=(*network.relations, DESCRIBED_BY),
+        edges=np.concatenate([network.edges, rows]),
+        weights=np.concatenate([network.weights, weights]),
+    )
+
+
+def _phrases(
+    network: Network,
+    alignment: Alignment,
+    entities: Sequence[str],
+) -> dict[str, set[int]]:
+    """Return the entities' nodes by their names in base forms, with blanks between words."""
+    phrases = defaultdict[str, set[int]](set)
+    for entity, node in enumerate(alignment.nodes.tolist()):
+        if node < 0:
+            continue
+        for name in (*network.lemmas[node], entities[entity]):
+            base_forms = map(network.base_form, plain(name).split())
+            phrases[" ".join(base_forms)].add(node)
+    return phrases
+
+
+def _mentions(
+    definitions: Sequence[Sequence[str]],
+    phrases: dict[str, set[int]],
+) -> Iterator[tuple[int, int]]:
+    """Yield pairs of a node and another one that its definition names."""
+    longest = max((phrase.count(" ") + 1 for phrase in phrases), default=0)
+    for head, words in enumerate(definitions):
+        tails: set[int] = set()
+        for start, size in product(range(len(words)), range(1, longest + 1)):
+            phrase = " ".join(words[start : start + size])
+            tails |= phrases.get(phrase, set())
+        # A definition that names its own node says nothing.
+        for tail in tails - {head}:
+            yield head, tail
+
+
+def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats]:
+    """Return weights of walks with 1, 2 and 3 steps between entities, shape (E, E) each.
+
+    ``S W^k S'`` for k steps, with ``W = D^-1/2 (A + A') D^-1/2`` and the nodes' degrees D: an edge
+    of a node with many edges says less.
+
+    Args:
+        network: the graph from outside the book.
+        alignment: the node of each entity, with its confidence.
+    """
+    size = len(network.nodes)
+    # Half the memory of 64 bits; walks are rounded to 16 bits later.
+    links = network.links().astype(np.float32)
+    links = links + links.T
+    links = _divided(links, links.sum(1))
+    confidences = alignment.matrix(size).astype(np.float32)
+    first = sparse.csr_array(confidences @ links)
+    # Walks of three steps between entities have their inner nodes next to entities.
+    near = np.unique(first.indices)
+    first = first[:, near]
+    # Both ends of an inner edge are among them: rows first, then columns.
+    inner = links[near][:, near]
+    # Dense blocks: a third step from all entities at once fills a large matrix, sparse or not.
+    blocks = []
+    for start in range(0, first.shape[0], _BLOCK):
+        block = first[start : start + _BLOCK].T.toarray()
+        two_of_block = inner @ block
+        blocks.append((first @ two_of_block).T)
+    three_steps = np.concatenate(blocks)
+    # W is symmetric, so two steps are the product of one step from both ends.
+    two_steps = first @ first.T
+    one_step = confidences @ links @ confidences.T
+    return one_step.toarray(), two_steps.toarray(), three_steps
+
+
+def make_tables(network: Network, alignment: Alignment) -> list[Table]:
+    """Return the tables of a network: ``paths``, and ``part`` if it tells of parts.
+
+    A network without definitions has ``forward`` besides: walks of 1 and 2 steps from the
+    ingredient to the result along the edges' directions.
+
+    Args:
+        network: the network; if it has definitions, also with edges :data:`DESCRIBED_BY`.
+        alignment: the node of each entity.
+
+    Returns:
+        Descriptions and values, shape (E, E), from 0 to 1.
+    """
+    confidences = alignment.matrix(len(network.nodes))
+    paths = _damped(hops(network, alignment))
+    tables = [_named("paths", paths, "{ingredient} is related to {result}")]
+    if network.ids_of([*PART_OF, *HAS_PART]):
+        parts = _parts(network, confidences)
+        tables.append(_named("part", parts, "{ingredient} is part of {result}"))
+    if not network.glosses:
+        forward = _damped(_forward_walks(network, confidences))
+        tables.append(_named("forward", forward, "{ingredient} leads to {result}"))
+    return tables
+
+
+def _forward_walks(network: Network, confidences: sparse.csr_array) -> list[Floats]:
+    """Return weights of walks with 1 and 2 steps along the edges' directions, (E, E) each."""
+    links = network.links()
+    links = _divided(links, (links + links.T).sum(1))
+    first = confidences @ links
+    last = links @ confidences.T
+    return [(first @ confidences.T).toarray(), (first @ last).toarray()]
+
+
+def _divided(links: sparse.csr_array, degrees: Floats) -> sparse.csr_array:
+    """Divide each edge by the roots of its nodes' degrees."""
+    factors = 1 / np.sqrt(np.maximum(degrees, 1e-12))
+    roots = sparse.diags_array(factors.astype(links.dtype))
+    return sparse.csr_array(roots @ links @ roots)
+
+
+def _damped(walks: Sequence[Floats]) -> Floats:
+    """Return ``log(1 + 1000 w) / log(1001)`` of the mean walk w; each step halves the weight."""
+    weights = [0.5**step for step in range(len(walks))]
+    # One product at a time: each has a cell for every pair of entities.
+    mean = sum(map(operator.mul, weights, walks)) / sum(weights)
+    # The largest value, 1, stays 1.
+    return np.asarray(np.log1p(_DAMPING * mean) / np.log1p(_DAMPING))
+
+
+def _named(name: str, values: Floats, phrase: str) -> Table:
+    """Return a table of the role ``part``, with values from 0 to 1 and an empty diagonal."""
+    values = np.clip(values, 0, 1)
+    np.fill_diagonal(values, 0)
+    return TableInfo(name=name, role="part", phrase=phrase), values
+
+
+def _parts(network: Network, confidences: sparse.csr_array) -> Floats:
+    """Return how directly a row is part of a column, shape (E, E).
+
+    In WordNet, parts are inherited from classes, with half the weight for each step.
+    """
+    upward = (network.links(IS_A) != 0).astype(float)
+    reach = step = confidences
+    for _ in range(_STEPS if network.glosses else 0):
+        step = step @ upward / 2
+        reach = reach + step
+    # Relations from the whole to the part are turned round.
+    to_whole = network.links(PART_OF) + network.links(HAS_PART).T
+    is_part = (to_whole != 0).astype(float)
+    return (reach @ is_part @ reach.T).toarray()

@@ -5,8 +5,8 @@ folder), ``fitting`` (epochs, validation, checkpoints), ``builders`` (from setti
 model, and from the model to scorer tensors) and ``link_records`` (the folder's files). ``complex``
 and ``symmetric_lcwa`` are model and objective of the WordCraft paper (Jiang et al. 2020).
 ``link_training`` also trains the models of folds, ``fitting`` chooses weights on small and on large
-books, and ``outside`` reads triples from outside the book. ``pykeen_bridge`` guards PyKEEN's global
-generators, and makes scorers from models of PyKEEN's pipeline. PyKEEN is used in this package and
+books. ``pykeen_bridge`` reads triples from outside the book, guards PyKEEN's global generators, and
+makes scorers from models of PyKEEN's pipeline. PyKEEN is used in this package and
 in ``wordcraft_kg/pykeen_dataset.py``, and nowhere else.
 
 Add a kind of model freely: its settings in ``link_config``, branches in ``builders``. Changes

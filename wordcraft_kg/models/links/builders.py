@@ -64,11 +64,10 @@ def check_table_fits(model: str, num_entities: int) -> None:
     """
     needs_table = not issubclass(model_class(model), (ComplExN3, DistMult))
     if needs_table and not has_table(num_entities):
-        num_bytes = table_bytes(num_entities)
         raise ConfigError(
-            f"`model` {model!r} needs a score table, {num_bytes / 2**30:,.1f} GiB for "
-            f"{num_entities:,} entities; expected at most {TABLE_LIMIT / 2**30:.2f} GiB. Models "
-            "that need no table: distmult, and ComplEx (wordcraft-kg train-complex)."
+            f"`model` {model!r} needs a score table, {table_bytes(num_entities) / 2**30:,.1f} GiB "
+            f"for {num_entities:,} entities; expected at most {TABLE_LIMIT / 2**30:.2f} GiB. "
+            "Models that need no table: distmult, and ComplEx (wordcraft-kg train-complex)."
         )
 
 
@@ -208,9 +207,7 @@ def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLo
             f"`model` {config.model!r}: PyKEEN cannot build this model for a recipe graph "
             f"({error!r})."
         ) from None
-    settings: dict[str, Any] = {}
-    if not is_softmax:
-        settings["negative_sampler_kwargs"] = {"num_negs_per_pos": config.negatives}
+    negatives = {"negative_sampler_kwargs": {"num_negs_per_pos": config.negatives}}
     return training_loop_resolver.lookup("symmetriclcwa" if is_softmax else "slcwa")(
         model=model,
         triples_factory=factory,
@@ -219,7 +216,7 @@ def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLo
         automatic_memory_optimization=model.device.type == "cuda",
         optimizer="Adam",
         optimizer_kwargs={"lr": config.learning_rate},
-        **settings,
+        **({} if is_softmax else negatives),
     )
 
 
@@ -245,8 +242,8 @@ def log_counts(triples: Ids, num_entities: int) -> tuple[torch.Tensor, torch.Ten
     def log_count(ends: Ids) -> torch.Tensor:
         cells = relations * num_entities + ends
         counts = np.bincount(cells, minlength=len(RELATIONS) * num_entities)
-        logs = torch.from_numpy(np.log1p(counts).astype(np.float32))
-        return logs.reshape(len(RELATIONS), num_entities)
+        logs = np.log1p(counts).astype(np.float32)
+        return torch.from_numpy(logs).reshape(len(RELATIONS), num_entities)
 
     return log_count(heads), log_count(tails)
 

@@ -35,8 +35,8 @@ class MatmulComplExInteraction(ComplExInteraction):
             t: shape: ``(*batch, d)``, complex. Tail embeddings.
 
         Returns:
-            shape: ``batch``, float. The batch dimensions broadcast. If one argument has shape (1,
-            N, d) and the others (B, 1, d), the (B, N) scores cost one real matrix product.
+            shape: ``batch``, float. The batch dimensions broadcast. If heads or tails have shape
+            (1, N, d) and the others (B, 1, d), the (B, N) scores cost one real matrix product.
         """
         if _is_all(t) and _is_one(h) and _is_one(r):
             return _grid(h * r, t)
@@ -44,8 +44,6 @@ class MatmulComplExInteraction(ComplExInteraction):
         # parts.
         if _is_all(h) and _is_one(r) and _is_one(t):
             return _grid(r.conj() * t, h)
-        if _is_all(r) and _is_one(h) and _is_one(t):
-            return _grid(h.conj() * t, r)
         # Two factors first again: the plain formula avoids PyKEEN's search for an einsum path.
         products = h * r * t.conj()
         return torch.real(products).sum(dim=-1)

@@ -14,11 +14,10 @@ The page docs/link-prediction.md describes trainings under *Train*, and
 docs/evidence/links.md#complex measures the choice.
 """
 
-import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from itertools import count
+from itertools import count, product
 from typing import Any
 
 import numpy as np
@@ -35,8 +34,8 @@ from wordcraft_kg.graphs import Ids, OpenedGraph, RecipeGraph, Split, SplitConfi
 from wordcraft_kg.models.links.builders import make_training_loop, scorer_tensors
 from wordcraft_kg.models.links.link_config import N3_PARTIAL, ComplExConfig, LinkSettings
 from wordcraft_kg.models.links.link_records import Candidate, Choice, LinkProgress, TraceRow
-from wordcraft_kg.models.links.outside import OutsideTriples
 from wordcraft_kg.models.links.pykeen_bridge import (
+    OutsideTriples,
     pykeen_guard,
     quiet_pykeen,
     seed_everything,
@@ -71,7 +70,7 @@ def train_epochs(
         loop: PyKEEN's loop with the model.
         factory: training triples.
         settings: model and training settings.
-        callback: called by PyKEEN after each batch and epoch.
+        callback: called by PyKEEN after each epoch.
         is_resumed: go on after the loop's epoch, with the loop's optimiser.
 
     Raises:
@@ -134,10 +133,6 @@ class _Epochs(TrainingCallback):
         seed_everything(self.seed, epoch + 1)
 
 
-QUIET = 20.0
-"""Seconds between progress reports within an epoch."""
-
-
 class Epochs(TrainingCallback):
     """PyKEEN callback for a training in a run folder: validates, logs, saves and stops.
 
@@ -150,7 +145,6 @@ class Epochs(TrainingCallback):
         run: RunFolder[LinkProgress],
         opened: OpenedGraph,
         triples: Ids,
-        num_triples: int,
         settings: LinkSettings,
         progress: Progress | None,
         log: Log,
@@ -161,7 +155,6 @@ class Epochs(TrainingCallback):
             run: run folder for checkpoints; its interruption ends the training after the epoch.
             opened: graph, and split with validation triples.
             triples: the graph's training triples, ids of shape (T, 3).
-            num_triples: number of all training triples, also those from outside the book.
             settings: model and training settings.
             progress: called with epoch, total and metrics; None for no reports.
             log: writes an epoch's metrics to ``metrics.jsonl`` and trackers.
@@ -180,28 +173,7 @@ class Epochs(TrainingCallback):
             self._valid = sampled_for(opened.graph, split.held_out("valid"))
             # Without test links: settings may be chosen by these ranks.
             self._known = np.concatenate([split.partial, split.triples_of("valid")])
-        self._batches = math.ceil(num_triples / settings.batch_size)
-        self._batch = 0
-        # Epochs of the main model and of each fold's model.
-        self._total = settings.epochs * (1 + (settings.folds or 0))
         self._clock = time.perf_counter()
-        self._reported = self._clock
-
-    def post_batch(self, epoch: int, batch: Any, **kwargs: Any) -> None:
-        """Report progress in a long epoch, with the estimated remaining time."""
-        self._batch += 1
-        time_now = time.perf_counter()
-        if self.report and time_now - self._reported >= QUIET and self._batch < self._batches:
-            self._reported = time_now
-            share = self._batch / self._batches
-            minutes = (time_now - self._clock) / share / 60
-            minutes_left = minutes * (self.settings.epochs - epoch + 1 - share)
-            figures = {
-                f"of epoch {epoch}": share,
-                "minutes an epoch": minutes,
-                "minutes left": minutes_left,
-            }
-            self.report(epoch - 1, self._total, figures)
 
     def post_epoch(self, epoch: int, epoch_loss: float, **kwargs: Any) -> None:
         """Validate, save, log and report after an epoch, if due; stop after an interruption."""
@@ -211,29 +183,26 @@ class Epochs(TrainingCallback):
         if settings.eval_every and (is_end or epoch % settings.eval_every == 0):
             valid_mrr = self._validate()
         # The epoch's time includes its validation, but not checkpoints and trackers.
-        time_now = time.perf_counter()
-        seconds = time_now - self._clock
-        self._clock = time_now
-        row = TraceRow(epoch=epoch, loss=epoch_loss, valid_mrr=valid_mrr, seconds=round(seconds, 4))
-        self.trace.append(row)
+        seconds = round(time.perf_counter() - self._clock, 4)
+        metrics = {"loss": epoch_loss, "valid_mrr": valid_mrr, "seconds": seconds}
+        self.trace.append(
+            TraceRow(epoch=epoch, loss=epoch_loss, valid_mrr=valid_mrr, seconds=seconds)
+        )
         is_last = self.run.interrupted.is_set() or is_end
         if is_last or epoch % settings.checkpoint_every == 0:
             progress = LinkProgress(trace=tuple(self.trace))
             self.run.checkpoints.save(epoch, self._tensors(), progress)
-        self._batch = 0
-        self._reported = time_now
-        metrics = {"loss": epoch_loss, "valid_mrr": valid_mrr, "seconds": row.seconds}
-        begun = time.perf_counter()
         self.log(epoch, metrics)
-        # Trackers may wait for a network; the next epoch begins after them.
-        self._clock += time.perf_counter() - begun
         if self.report:
             figures = {name: value for name, value in metrics.items() if value is not None}
-            self.report(epoch, self._total, {"epoch": epoch, **figures})
+            # Epochs of the main model and of each fold's model.
+            total = settings.epochs * (1 + (settings.folds or 0))
+            self.report(epoch, total, {"epoch": epoch, **figures})
         if is_last:
             # PyKEEN offers callbacks no public way to stop a loop.
             self.training_loop._should_stop = True
         seed_everything(settings.seed, epoch + 1)
+        self._clock = time.perf_counter()
 
     def restore(self, loop: TrainingLoop, checkpoint: Checkpoint[LinkProgress]) -> None:
         """Load a checkpoint into a new loop.
@@ -366,17 +335,18 @@ def choose(
     # By N3 weight, and by popularity with the frequency rule last.
     sums = np.zeros((len(weights), len(POPULARITY) + 1))
     for row, n3 in zip(sums, weights, strict=True):
+        # Without popularity: it changes scores only, so one training serves all weights.
+        short = replace(settings, n3=n3, popularity=0.0, epochs=epochs, eval_every=0)
         for fold in folds:
-            # Without popularity: it changes scores only, so one training serves all weights.
-            short = replace(settings, n3=n3, popularity=0.0, epochs=epochs, eval_every=0)
             row += _reciprocal_ranks(
                 fold, short, outside, lambda _: after_epoch(next(epoch_number), total)
             )
     means = sums / queries
-    candidates = []
-    for n3, row in zip(weights, means[:, :-1].tolist(), strict=True):
-        for popularity, mrr in zip(POPULARITY, row, strict=True):
-            candidates.append(Candidate(n3=n3, popularity=popularity, mrr=mrr))
+    mrrs = means[:, :-1].ravel().tolist()
+    candidates = [
+        Candidate(n3=n3, popularity=popularity, mrr=mrr)
+        for (n3, popularity), mrr in zip(product(weights, POPULARITY), mrrs, strict=True)
+    ]
     best = _best(candidates)
     return Choice(
         n3=best.n3,
@@ -432,19 +402,14 @@ def _reciprocal_ranks(
     model = fit(
         settings, triples_factory(graph, trained_on, outside), after_epoch, graph.num_entities
     )
-    sums = []
+    scorers: list[Scorer] = []
     for weight in POPULARITY:
         popular = replace(settings, popularity=weight)
         tensors = scorer_tensors(popular, model, trained_on, graph.num_entities)
-        scorer = make_scorer(*tensors, graph.entities, graph.hash)
-        sums.append(_sum_of_reciprocal_ranks(scorer, queries, graph))
-    sums.append(_sum_of_reciprocal_ranks(FrequencyScorer(graph, trained_on), queries, graph))
-    return np.array(sums)
-
-
-def _sum_of_reciprocal_ranks(scorer: Scorer, queries: Ids, graph: RecipeGraph) -> float:
-    ranks = rank_triples(scorer, queries, graph.triples)
-    return float((1 / ranks["rank"]).sum())
+        scorers.append(make_scorer(*tensors, graph.entities, graph.hash))
+    scorers.append(FrequencyScorer(graph, trained_on))
+    ranks = [rank_triples(scorer, queries, graph.triples)["rank"] for scorer in scorers]
+    return np.array([float((1 / rank).sum()) for rank in ranks])
 
 
 def split_of_train(split: Split, held_out: float, seed: int, recipes: Ids | None = None) -> Split:

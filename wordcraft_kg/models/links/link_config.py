@@ -85,15 +85,15 @@ class TrainingConfig:
         check_train_sample(self.kg, self.train_fraction, self.label_noise)
         # Upper limits keep a mistyped number from filling the memory or the machine.
         limits = {
-            "epochs": None,
-            "checkpoint_every": None,
-            "batch_size": MAX_SIZE,
-            "threads": MAX_THREADS,
+            "epochs": (1, None),
+            "checkpoint_every": (1, None),
+            "batch_size": (1, MAX_SIZE),
+            "threads": (1, MAX_THREADS),
+            "eval_every": (0, None),
+            "seed": (0, MAX_SEED),
         }
-        for name, high in limits.items():
-            whole(name, getattr(self, name), 1, high)
-        whole("eval_every", self.eval_every, 0)
-        whole("seed", self.seed, 0, MAX_SEED)
+        for name, (low, high) in limits.items():
+            whole(name, getattr(self, name), low, high)
         if self.folds is not None:
             whole("folds", self.folds, 0, MAX_SIZE)
             # With a single fold, nothing would be left to train on.

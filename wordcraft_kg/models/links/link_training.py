@@ -61,14 +61,15 @@ from wordcraft_kg.models.links.link_records import (
     TraceRow,
     training_facts,
 )
-from wordcraft_kg.models.links.outside import OutsideTriples, outside_hashes, read_outside
 from wordcraft_kg.models.links.pykeen_bridge import (
+    OutsideTriples,
+    outside_hashes,
     pykeen_guard,
     quiet_pykeen,
+    read_outside,
     seed_everything,
     triples_factory,
 )
-from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 from wordcraft_kg.models.scorers.score_limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.scorer import Scorer
@@ -107,24 +108,20 @@ def decided_folds(settings: LinkSettings, opened: OpenedGraph) -> LinkSettings:
         return replace(settings, folds=0)
     try:
         make_folds(opened.split, count)
-        _check_size(settings, count, opened.graph.num_entities)
+        num_bytes = count * table_bytes(opened.graph.num_entities)
+        # ComplEx stores embeddings, which are small.
+        if not isinstance(settings, ComplExConfig) and num_bytes > TABLE_LIMIT:
+            raise ConfigError(
+                f"`folds` {count}: a score table for each fold takes {num_bytes / 2**20:,.0f} MiB; "
+                f"expected at most {TABLE_LIMIT / 2**20:.0f} MiB. Use fewer folds or 0, or ComplEx "
+                "(wordcraft-kg train-complex)."
+            )
     except ConfigError as error:
         if num_folds is not None:
             raise
         logging.getLogger(__name__).info("no folds: %s", error)
         count = 0
     return replace(settings, folds=count)
-
-
-def _check_size(settings: LinkSettings, count: int, num_entities: int) -> None:
-    # ComplEx stores embeddings, which are small.
-    num_bytes = count * table_bytes(num_entities)
-    if not isinstance(settings, ComplExConfig) and num_bytes > TABLE_LIMIT:
-        raise ConfigError(
-            f"`folds` {count}: a score table for each fold takes {num_bytes / 2**20:,.0f} MiB; "
-            f"expected at most {TABLE_LIMIT / 2**20:.0f} MiB. Use fewer folds or 0, or ComplEx "
-            "(wordcraft-kg train-complex)."
-        )
 
 
 @dataclass(frozen=True)
@@ -148,7 +145,7 @@ class _Job:
         stored = {
             name: tensor for name, tensor in tensors.items() if not name.startswith("pykeen.")
         }
-        _kept(self.folder).save(self.fold, copied(stored), self.done)
+        fold_models(self.folder).save(self.fold, copied(stored), self.done)
 
     @property
     def done(self) -> FoldDone:
@@ -156,83 +153,9 @@ class _Job:
         return FoldDone(trained_on=triples_hash(self.triples), epochs=self.settings.epochs)
 
 
-def _kept(folder: Path) -> Checkpoints[FoldDone]:
-    # All are kept, not only the last: each belongs to another fold.
+def fold_models(folder: Path) -> Checkpoints[FoldDone]:
+    """Return the finished models of folds in a run: all are kept, each belongs to another fold."""
     return Checkpoints(folder, "fold", FoldDone, kept=None)
-
-
-def train_folds(
-    folder: Path,
-    folds: Folds,
-    settings: LinkSettings,
-    outside: OutsideTriples | None = None,
-    *,
-    seconds: float,
-    after_epoch: Callable[[int, int], None],
-) -> None:
-    """Train all missing fold models: for each fold, a model of the remaining train recipes.
-
-    Args:
-        folder: folder of the run.
-        folds: the folds and the training recipes.
-        settings: settings of the main model, with the number of ``epochs`` that it was trained for.
-        outside: triples from outside the book, in every fold's training; None without.
-        seconds: duration of the main training, which decides whether more processes are worth their
-            start.
-        after_epoch: called with the finished and the total epochs over all folds, regularly, also
-            while no epoch ends; may raise to end the training.
-
-    Raises:
-        TrainingError: if a loss is not finite, or a process dies.
-    """
-    # The number of epochs is decided; validation triples belong to the main model.
-    settings = replace(settings, eval_every=0, folds=0)
-    graph = folds.split.graph
-    jobs = [
-        _Job(folder, fold, settings, graph, folds.triples([fold]), outside)
-        for fold in range(folds.count)
-    ]
-    # Models that an interrupted run has finished, with the same triples and epochs, are not trained
-    # again.
-    waiting = not_done(jobs, _kept(folder))
-    epochs = {job.fold: settings.epochs for job in jobs}
-    epochs.update({job.fold: 0 for job in waiting})
-
-    def note(fold: int | None = None, epoch: int = 0) -> None:
-        # Without a fold, only to let the caller interrupt the training.
-        if fold is not None:
-            epochs[fold] = epoch
-        after_epoch(sum(epochs.values()), settings.epochs * len(jobs))
-
-    # On a GPU, several processes would share one device.
-    is_long = seconds >= LONG and torch.device(settings.device).type == "cpu"
-    train_jobs(waiting, settings.threads, note, is_long=is_long)
-
-
-def write_link_folds(
-    folder: Path, folds: Folds, whole: Scorer, settings: LinkSettings
-) -> FoldsRecord:
-    """Write the scorers of all folds into the model folder.
-
-    Args:
-        folder: folder of the run, which holds the finished models of all folds.
-        folds: the folds and the training recipes.
-        whole: the scorer trained on all folds.
-        settings: settings of the models.
-
-    Returns:
-        metrics of the folds' models, compared with ``whole``.
-
-    Raises:
-        ArtefactError: if the finished model of a fold is missing or damaged.
-    """
-    checkpoints = _kept(folder)
-
-    def part(fold: int) -> tuple[str, dict[str, torch.Tensor]]:
-        checkpoint = checkpoints.read(fold)
-        return checkpoint.progress.trained_on, checkpoint.tensors
-
-    return write_folds(folder, folds, whole, scorer_kind(settings, len(whole.entities)), part)
 
 
 CHOICE = "choice.json"
@@ -334,13 +257,12 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         if settings.kg == "full":
             self.train_sample = opened.train_sample("full")
         else:
-            fold_of_recipe = folds.of_recipe if folds else None
             self.train_sample = draw_train_sample(
                 opened.split,
                 settings.train_fraction,
                 settings.label_noise,
                 settings.seed,
-                of_recipe=fold_of_recipe,
+                of_recipe=folds.of_recipe if folds else None,
             )
         # All models for a split share the folds, also with a sample of the train recipes.
         self.folds = folds.with_train_sample(self.train_sample) if folds else None
@@ -407,7 +329,6 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
                 run,
                 self.opened,
                 self.train_sample.triples,
-                factory.num_triples,
                 settings,
                 report,
                 log,
@@ -438,53 +359,81 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             # Finished folds stay among the checkpoints, so the same command trains the missing
             # ones.
             try:
-                self._cross_fit(run, metrics, report)
+                self._train_folds(run, self.folds, metrics.seconds, report)
             except KeyboardInterrupt:
                 # Raised by something else than this run's Ctrl-C.
                 if not run.interrupted.is_set():
                     raise
                 run.interrupt()
                 return TrainedLinks(run.path, metrics.epochs, None)
-            record = write_link_folds(run.path, self.folds, scorer, settings)
+            models = fold_models(run.path)
+
+            def part(fold: int) -> tuple[str, dict[str, torch.Tensor]]:
+                model = models.read(fold)
+                return model.progress.trained_on, model.tensors
+
+            kind = scorer_kind(settings, self.opened.graph.num_entities)
+            record = write_folds(run.path, self.folds, scorer, kind, part)
             metrics = msgspec.structs.replace(
                 metrics,
                 folds=record.count,
                 fold_mrr=record.mrr,
                 fold_in_sample_mrr=record.in_sample_mrr,
             )
-            # The folds' metrics were not known when the file was first written.
-            write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
             outputs += FOLD_OUTPUTS
+        write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
         run.finish(outputs, _model_card(self.opened, settings, metrics))
         return TrainedLinks(run.path, metrics.epochs, metrics)
 
-    def _cross_fit(
-        self, run: RunFolder[LinkProgress], metrics: LinkMetrics, report: Progress | None
+    def _train_folds(
+        self, run: RunFolder[LinkProgress], folds: Folds, seconds: float, report: Progress | None
     ) -> None:
-        """Train the models of all folds, and report their epochs as epochs of the run."""
-        assert self.folds is not None
-        settings = self.config.settings
-        num_folds = self.folds.count
-        everything = settings.epochs * (1 + num_folds)
+        """Train all missing fold models: for each fold, a model of the remaining train recipes.
+
+        Args:
+            run: the run's folder.
+            folds: the folds and the training recipes.
+            seconds: duration of the main training, which decides whether more processes are worth
+                their start.
+            report: called with the epochs of the main model and of all folds.
+
+        Raises:
+            TrainingError: if a loss is not finite, or a process dies.
+            KeyboardInterrupt: after Ctrl-C.
+        """
+        # The number of epochs is decided; validation triples belong to the main model.
+        settings = replace(self.config.settings, eval_every=0, folds=0)
+        jobs = [
+            _Job(run.path, fold, settings, self.opened.graph, folds.triples([fold]), self.outside)
+            for fold in range(folds.count)
+        ]
+        # Models that an interrupted run has finished, with the same triples and epochs, are not
+        # trained again.
+        waiting = not_done(jobs, fold_models(run.path))
+        epochs = {job.fold: settings.epochs for job in jobs}
+        epochs.update({job.fold: 0 for job in waiting})
         reported = set[int]()
 
-        def after_epoch(done: int, total: int) -> None:
+        def note(fold: int | None = None, epoch: int = 0) -> None:
             if run.interrupted.is_set():
                 raise KeyboardInterrupt
+            # Without a fold, only to let the user interrupt the training.
+            if fold is not None:
+                epochs[fold] = epoch
+            num_epochs = sum(epochs.values())
             # Called while no epoch ends, too; each number is reported once.
-            if report and done not in reported:
-                reported.add(done)
-                fold = min(1 + done * num_folds // total, num_folds)
-                report(everything - total + done, everything, {"fold": fold, "folds": num_folds})
+            if report and num_epochs not in reported:
+                reported.add(num_epochs)
+                total = settings.epochs * (1 + folds.count)
+                figures: dict[str, float] = {
+                    "fold": min(1 + num_epochs // settings.epochs, folds.count),
+                    "folds": folds.count,
+                }
+                report(settings.epochs + num_epochs, total, figures)
 
-        train_folds(
-            run.path,
-            self.folds,
-            settings,
-            self.outside,
-            seconds=metrics.seconds,
-            after_epoch=after_epoch,
-        )
+        # On a GPU, several processes would share one device.
+        is_long = seconds >= LONG and torch.device(settings.device).type == "cpu"
+        train_jobs(waiting, settings.threads, note, is_long=is_long)
 
     @classmethod
     def outcome(cls, files: RunFiles) -> TrainedLinks:  # noqa: D102 - inherited
@@ -520,16 +469,11 @@ def _check_fit(opened: OpenedGraph, settings: LinkSettings, num_nodes: int) -> N
             "the graph with such a part, for example `train_ratio` 0.8 and `valid_ratio` 0.1."
         )
     check_device(settings.device)
-    _check_memory(opened, settings, num_nodes)
-
-
-def _check_memory(opened: OpenedGraph, settings: LinkSettings, num_nodes: int) -> None:
-    """Raise ConfigError for dimensions or negatives that cannot fit; models may need more."""
-    # 4 bytes a number; complex dimensions have two.
+    # Memory: models may need more. 4 bytes a number; complex dimensions have two.
     numbers = settings.dim * (2 if isinstance(settings, ComplExConfig) else 1)
     parameters = 4 * numbers * (num_nodes + len(RELATIONS))
-    # Parameters, gradients and optimiser state.
     purpose = f"training vectors for {num_nodes:,} entities"
+    # Parameters, gradients and optimiser state.
     check_memory("dim", settings.dim, purpose, 3 * parameters)
     if isinstance(settings, LinkModelConfig) and settings.loop == "slcwa":
         triples = min(settings.batch_size, len(opened.triples(settings.kg)))
@@ -547,7 +491,7 @@ def _write_results(
     choice: Choice | None,
     outside: OutsideSummary | None,
 ) -> tuple[Scorer, LinkMetrics]:
-    """Write a trained model's scorer and metrics, also per epoch; return scorer and metrics."""
+    """Write a trained model's scorer and its metrics per epoch; return scorer and metrics."""
     model.eval()
     graph = train_sample.graph
     triples = train_sample.triples
@@ -555,7 +499,6 @@ def _write_results(
     # Ranking all training triples of a large graph would take longer than an epoch.
     sample = sampled_for(graph, triples)
     scorer = make_scorer(kind, tensors, graph.entities, graph.hash)
-    ranks = rank_triples(scorer, sample, triples)
     # Of equal validations the first is the best.
     validated = [row for row in trace if row.valid_mrr is not None]
     best = max(validated, key=lambda row: row.valid_mrr or 0.0, default=None)
@@ -572,13 +515,12 @@ def _write_results(
         parameters=sum(parameter.numel() for parameter in model.parameters()),
         loss=trace[-1].loss,
         valid_mrr=best.valid_mrr if best else None,
-        train_mrr=mean_reciprocal_rank(ranks),
+        train_mrr=mean_reciprocal_rank(rank_triples(scorer, sample, triples)),
         train_mrr_triples=len(sample),
         outside=outside,
         choice=choice,
     )
     write_scorer(folder, kind, tensors, graph)
-    write_atomically(folder / "metrics.json", dump_json(as_values(metrics)))
     write_atomically(folder / "trace.jsonl", as_lines(trace))
     return scorer, metrics
 
@@ -592,15 +534,13 @@ def _model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetric
     else:
         sample = describe_train_sample(settings.train_fraction, settings.label_noise)
         training_data = f"the triples of {sample or 'the train recipes'} only."
-    facts = training_facts(settings, metrics).items()
-    points = ["", *(f"{name}: {text}" for name, text in facts)]
     usage = "; `scorer.probability` returns probabilities for triples outside training"
     return scorer_card(
         opened,
         f"{name} on the {settings.kg} knowledge graph of {opened.graph.name}",
         "Scores triples (head, relation, tail) with the relations `combinesWith` and "
         f"`componentOf`. Trained on {training_data}",
-        points,
+        training_facts(settings, metrics),
         "`config.toml` reproduces the training; `run.json` records all versions. For the quality "
         "on unseen triples, "
         "run\n"

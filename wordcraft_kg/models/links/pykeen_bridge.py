@@ -1,9 +1,14 @@
 """Bridge to PyKEEN: convert triples and models, and guard PyKEEN's global generators.
 
+Triples from knowledge folders join the graph's in a training. Ids extend the graph's: further nodes
+follow the E entities, and their relations follow the game's two. So the first E embeddings are the
+entities', and the saved model holds these alone.
+
 PyKEEN draws from the global generators of Python, NumPy and torch, which belong to the user's
 program: :func:`pykeen_guard` seeds them for a training and restores them afterwards.
 
-The page docs/link-prediction.md, *Custom scorers and PyKEEN models*, shows PyKEEN beside us.
+The page docs/link-prediction.md, *Custom scorers and PyKEEN models*, shows PyKEEN beside us, and
+docs/outside-knowledge.md describes joint training.
 """
 
 import gc
@@ -11,17 +16,112 @@ import logging
 import random
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from pykeen.models import Model
 from pykeen.triples import TriplesFactory
 
-from wordcraft_kg.base.errors import GraphMismatchError
-from wordcraft_kg.graphs import RELATIONS, Ids, OpenedGraph, RecipeGraph
-from wordcraft_kg.models.links.outside import OutsideTriples
+from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.base.tensors import torch_threads
+from wordcraft_kg.graphs import RELATIONS, Ids, OpenedGraph, RecipeGraph, frozen
+from wordcraft_kg.models.knowledge.knowledge_folder import TRIPLES, knowledge_files, read_rows
+from wordcraft_kg.models.links.link_records import OutsideSummary
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.score_limits import check_table
+
+
+@dataclass(frozen=True, eq=False)
+class OutsideTriples:
+    """Triples over a graph's E entities and further nodes and relations.
+
+    Attributes:
+        nodes: names of the further nodes, with ids from E.
+        relations: names of the further relations, with ids from 2.
+        triples: ids of shape (T, 3), distinct, sorted.
+        summary: numbers for reports, with the share of entities in the triples.
+    """
+
+    nodes: tuple[str, ...]
+    relations: tuple[str, ...]
+    triples: Ids
+    summary: OutsideSummary
+
+
+def outside_hashes(folders: Sequence[str]) -> dict[str, str]:
+    """Return the hash of each folder's triples, for the run record.
+
+    Raises:
+        ConfigError: if a folder holds no triples.
+        ArtefactError: if a folder is incomplete or damaged.
+    """
+    return {f"outside graph {number}": _hash(folder) for number, folder in enumerate(folders, 1)}
+
+
+def _hash(folder: str) -> str:
+    outputs = knowledge_files(folder).run.outputs
+    if TRIPLES not in outputs:
+        raise ConfigError(
+            f"`with` '{folder}' holds tables and no triples. Expected a folder from "
+            "import-knowledge; `train-recipes` uses tables."
+        )
+    return outputs[TRIPLES]
+
+
+def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTriples | None:
+    """Read the triples of knowledge folders, with ids for a graph's ``entities``.
+
+    Equal names in several folders are one node or relation.
+
+    Returns:
+        the triples; None without folders.
+
+    Raises:
+        ConfigError: if a folder has no triples, none with an entity, or a relation with the name of
+            a recipe relation.
+        ArtefactError: if a folder is incomplete or damaged.
+    """
+    if not folders:
+        return None
+    places = {label: place for place, label in enumerate(entities)}
+    relations: dict[str, int] = {name: place for place, name in enumerate(RELATIONS)}
+    rows = list[tuple[int, int, int]]()
+    for folder in folders:
+        before = len(rows)
+        # Raises ConfigError if the folder has no triples.
+        _hash(folder)
+        for head, relation, tail in read_rows(knowledge_files(folder), TRIPLES):
+            # Such triples would count as recipes, also as those of the test part.
+            if relation in RELATIONS:
+                raise ConfigError(
+                    f"`with` '{folder}': '{relation}' is a relation of recipes. Rename this "
+                    "relation, and import the triples again."
+                )
+            # A new name gets the next id.
+            head_id = places.setdefault(head, len(places))
+            relation_id = relations.setdefault(relation, len(relations))
+            tail_id = places.setdefault(tail, len(places))
+            rows.append((head_id, relation_id, tail_id))
+        added = np.array(rows[before:], dtype=np.int64).reshape(-1, 3)
+        ends = np.unique(added[:, [0, 2]])
+        if not (ends < len(entities)).any():
+            raise ConfigError(
+                f"`with` '{folder}': none of the {len(ends):,} nodes in {TRIPLES} is one of the "
+                f"{len(entities):,} entities, such as '{entities[0]}'. Make the folder for this "
+                "graph."
+            )
+    triples = frozen(np.unique(np.array(rows, dtype=np.int64), axis=0))
+    # Triples of several folders may be equal, so ends are counted after merging.
+    endpoints = np.unique(triples[:, [0, 2]])
+    summary = OutsideSummary(
+        triples=len(triples),
+        nodes=len(places) - len(entities),
+        relations=len(relations) - len(RELATIONS),
+        coverage=int((endpoints < len(entities)).sum()) / len(entities),
+    )
+    nodes = tuple(places)[len(entities) :]
+    return OutsideTriples(nodes, tuple(relations)[len(RELATIONS) :], triples, summary)
 
 
 def triples_factory(
@@ -98,22 +198,18 @@ def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
     They are restored even after an error. Objects alive at the start are exempt from garbage
     collection: PyKEEN collects after each epoch, which takes 0.2 s for all imported objects.
     """
-    states = random.getstate(), np.random.get_state(), torch.get_rng_state()  # noqa: NPY002
-    cuda_states = torch.cuda.get_rng_state_all() if torch.cuda.is_available() else []
-    threads_before = torch.get_num_threads()
+    python_state = random.getstate()
+    numpy_state = np.random.get_state()  # noqa: NPY002
     frozen_before = gc.get_freeze_count()
-    torch.set_num_threads(threads)
     gc.freeze()
     try:
-        seed_everything(seed)
-        yield
+        devices = range(torch.cuda.device_count())
+        with torch.random.fork_rng(devices), torch_threads(threads):
+            seed_everything(seed)
+            yield
     finally:
-        random.setstate(states[0])
-        np.random.set_state(states[1])  # noqa: NPY002
-        torch.set_rng_state(states[2])
-        if cuda_states:
-            torch.cuda.set_rng_state_all(cuda_states)
-        torch.set_num_threads(threads_before)
+        random.setstate(python_state)
+        np.random.set_state(numpy_state)  # noqa: NPY002
         # Unfreezing is all or nothing: objects that the user's program has frozen stay frozen.
         if not frozen_before:
             gc.unfreeze()
@@ -166,13 +262,15 @@ def from_pykeen(model: Model, factory: TriplesFactory, opened: OpenedGraph) -> T
         ("entities", factory.entity_to_id, graph.entities),
         ("relations", factory.relation_to_id, RELATIONS),
     ):
-        missing = [label for label in expected if label not in ids]
-        unknown = sorted(set(ids) - set(expected))
-        problems = []
-        if missing:
-            problems.append(f"{len(missing)} are missing ({', '.join(missing[:3])})")
-        if unknown:
-            problems.append(f"{len(unknown)} are unknown ({', '.join(unknown[:3])})")
+        differences = {
+            "missing": [label for label in expected if label not in ids],
+            "unknown": sorted(set(ids) - set(expected)),
+        }
+        problems = [
+            f"{len(labels)} are {kind} ({', '.join(labels[:3])})"
+            for kind, labels in differences.items()
+            if labels
+        ]
         if problems:
             raise GraphMismatchError(
                 f"the model's {name} do not match '{graph.name}': {', '.join(problems)}. Train "

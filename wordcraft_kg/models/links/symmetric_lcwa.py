@@ -109,15 +109,15 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         # The graph's triples compete with its entities alone, outside triples with all nodes. Each
         # part's mean counts by its share of the batch, so a triple weighs the same in any batch.
         is_own = _is_own(triples)
-        graph_triples = triples[is_own]
-        outside = triples[~is_own]
+        parts = (
+            (triples[is_own], self.num_own, 1.0),
+            (triples[~is_own], None, self.outside_weight),
+        )
         losses = []
-        if len(graph_triples):
-            loss = self._loss(graph_triples, label_smoothing, self.num_own)
-            losses.append(len(graph_triples) / len(triples) * loss)
-        if len(outside):
-            loss = self._loss(outside, label_smoothing, None)
-            losses.append(self.outside_weight * len(outside) / len(triples) * loss)
+        for part, num_candidates, weight in parts:
+            if len(part):
+                loss = self._loss(part, label_smoothing, num_candidates)
+                losses.append(weight * len(part) / len(triples) * loss)
         return torch.stack(losses).sum()
 
     def _loss(

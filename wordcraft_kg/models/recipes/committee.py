@@ -64,14 +64,6 @@ class Examples(NamedTuple):
     competes: Tensor
     is_right: Tensor
 
-    def part(self, rows: Tensor) -> "Examples":
-        """Return the queries with the given numbers, shape (n,)."""
-        return Examples(
-            features=self.features[rows],
-            competes=self.competes[rows],
-            is_right=self.is_right[rows],
-        )
-
 
 def fit_committee(
     examples: Examples,
@@ -94,12 +86,10 @@ def fit_committee(
     """
     members, size, _, rate, _ = schedule
     mean, scale = _moments(examples)
-    features = len(mean)
-    networks = [_Network.drawn(features, generator) for _ in range(members)]
-    number = len(examples.features)
+    networks = [_Network.drawn(len(mean), generator) for _ in range(members)]
     # The same queries are together in all epochs, so that they are prepared once.
-    parts = torch.randperm(number, generator=generator).split(size)
-    batches = [_Batch.of(examples.part(rows), mean, scale) for rows in parts]
+    parts = torch.randperm(len(examples.features), generator=generator).split(size)
+    batches = [_Batch.of(examples, rows, mean, scale) for rows in parts]
     epochs = max(schedule.epochs, math.ceil(schedule.steps / len(batches)))
     optimizer = torch.optim.AdamW(
         [weights for network in networks for weights in network],
@@ -153,10 +143,6 @@ class _Network(NamedTuple):
             _drawn(HIDDEN, fan=HIDDEN, generator=generator),
         )
 
-    def hidden(self, features: Tensor) -> Tensor:
-        """Return the hidden units, shape (n, H), for features, shape (n, F)."""
-        return torch.addmm(self.first_bias, features, self.first).relu_()
-
 
 class _Batch(NamedTuple):
     """Queries of a step. Most tables have fewer pairs than the widest: empty ones have no row.
@@ -172,19 +158,20 @@ class _Batch(NamedTuple):
     is_right: Tensor
 
     @classmethod
-    def of(cls, queries: Examples, mean: Tensor, scale: Tensor) -> "_Batch":
+    def of(cls, examples: Examples, rows: Tensor, mean: Tensor, scale: Tensor) -> "_Batch":
         """Prepare queries.
 
         Args:
-            queries: N queries.
+            examples: all queries.
+            rows: numbers of the batch's queries, shape (n,).
             mean: means of the features, shape (F,).
             scale: their deviations, shape (F,).
         """
-        competing = queries.features[queries.competes]
-        features = (competing - mean) / scale
+        competes = examples.competes[rows]
+        features = (examples.features[rows][competes] - mean) / scale
         # (queries, P) to (queries · P,).
-        places = queries.competes.view(-1).nonzero()[:, 0]
-        return cls(features, places, queries.is_right)
+        places = competes.view(-1).nonzero()[:, 0]
+        return cls(features, places, examples.is_right[rows])
 
 
 def _set_gradients(networks: Sequence[_Network], batch: "_Batch") -> None:
@@ -207,7 +194,8 @@ def _set_gradients(networks: Sequence[_Network], batch: "_Batch") -> None:
     # A product for each network takes half the time of one for all: its units fit into the
     # processor's cache.
     for row, network in zip(scores, networks, strict=True):
-        hidden = network.hidden(batch.features)
+        # (n, H)
+        hidden = torch.addmm(network.first_bias, batch.features, network.first).relu_()
         row[batch.places] = hidden @ network.second
         units.append(hidden)
     scores = scores.view(-1, *shape)

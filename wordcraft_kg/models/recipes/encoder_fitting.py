@@ -93,15 +93,6 @@ class _Network(nn.Module):
         self.made_ids = zeros(size, plan.made)
         self.bias_ids = zeros(size, 1)
 
-    def entity_parameters(self) -> list[nn.Parameter]:
-        """Return the vectors of single entities, whose gradients are sparse."""
-        return [self.used_ids, self.made_ids, self.bias_ids]
-
-    def shared_parameters(self) -> list[nn.Parameter]:
-        """Return the parameters that all entities share."""
-        single = {id(parameter) for parameter in self.entity_parameters()}
-        return [parameter for parameter in self.parameters() if id(parameter) not in single]
-
     def as_used(self, vectors: Tensor, ids: Tensor, keep: Tensor) -> Tensor:
         """Return the vectors h of ingredients.
 
@@ -152,13 +143,10 @@ class _Network(nn.Module):
             recipes: training recipes, ids (n, 3).
         """
         nothing = torch.zeros(())
-        ingredient_vectors = vectors @ self.used_words + self.used_bias + self.used_ids
-        result_vectors = vectors @ self.made_words + self.made_bias + self.made_ids
-        bias = vectors @ self.bias_words + self.bias_ids[:, 0]
         parts = PairEncoder(
-            used=ingredient_vectors.relu(),
-            made=result_vectors,
-            bias=bias,
+            used=(vectors @ self.used_words + self.used_bias + self.used_ids).relu(),
+            made=vectors @ self.made_words + self.made_bias + self.made_ids,
+            bias=vectors @ self.bias_words + self.bias_ids[:, 0],
             first=self.first,
             first_bias=self.first_bias,
             second=self.second,
@@ -231,19 +219,10 @@ class _Draws:
         self.result_ends = torch.from_numpy(np.cumsum(self.of_results))
         self.use_ends = torch.from_numpy(np.cumsum(use_probs))
 
-    def results(self, number: int, generator: torch.Generator) -> Tensor:
-        """Return ids of results, shape (number,)."""
-        return _drawn(self.result_ends, number, generator)
-
-    def used(self, number: int, generator: torch.Generator) -> Tensor:
-        """Return ids of ingredients, shape (number,)."""
-        return _drawn(self.use_ends, number, generator)
-
     def log_expected(self, batch: int, sampled: int) -> Tensor:
         """Return the log of how often a step has each result, shape (T,), at most 0."""
         expected = batch * self.share + sampled * self.of_results
-        logs = np.log(np.minimum(expected, 1))
-        return torch.from_numpy(logs).float()
+        return torch.from_numpy(np.log(np.minimum(expected, 1))).float()
 
 
 def _drawn(ends: Tensor, number: int, generator: torch.Generator) -> Tensor:
@@ -332,12 +311,13 @@ def fit_encoder(
     rows = torch.from_numpy(recipes)
     log_expected = draws.log_expected(batch, plan.sampled).to(device)
     steps = len(recipes) // batch
+    # Vectors of single entities have sparse gradients.
+    single = [network.used_ids, network.made_ids, network.bias_ids]
+    shared = [part for name, part in network.named_parameters() if not name.endswith("_ids")]
     optimizers: list[torch.optim.Optimizer] = [
-        torch.optim.AdamW(
-            network.shared_parameters(), lr=plan.rate, weight_decay=plan.weight_decay, fused=True
-        ),
+        torch.optim.AdamW(shared, lr=plan.rate, weight_decay=plan.weight_decay, fused=True),
         # Most entities are in no batch: their vectors rest.
-        torch.optim.SparseAdam(network.entity_parameters(), lr=plan.rate),
+        torch.optim.SparseAdam(single, lr=plan.rate),
     ]
     total = steps * plan.epochs
     num_steps = 0
@@ -399,7 +379,7 @@ def _loss(
     first, second, results = recipes.unbind(1)
     # Corrupted pairs: one ingredient stays in half of them, none in the others.
     corrupted = plan.corrupted * batch
-    corrupting_ids = draws.used(2 * corrupted, generator)
+    corrupting_ids = _drawn(draws.use_ends, 2 * corrupted, generator)
     first_corrupted, second_corrupted = corrupting_ids.view(2, corrupted)
     stays = torch.arange(corrupted)[: corrupted // 2]
     source_rows = stays % batch
@@ -407,13 +387,11 @@ def _loss(
     first_corrupted[stays] = torch.where(keeps_first, first[source_rows], second[source_rows])
     pairs = torch.cat([first, first_corrupted, second, second_corrupted])
     used_ids, pair_places = pairs.unique(return_inverse=True)
-    sampled = draws.results(plan.sampled, generator)
+    sampled = _drawn(draws.result_ends, plan.sampled, generator)
     made_ids, result_places = torch.cat([results, sampled]).unique(return_inverse=True)
     right = result_places[:batch].to(device)
-    drawn_used = torch.rand(len(used_ids), 1, generator=generator)
-    drawn_made = torch.rand(len(made_ids), 1, generator=generator)
-    keep_used = drawn_used >= plan.drop_used
-    keep_made = drawn_made >= plan.drop_made
+    keep_used = torch.rand(len(used_ids), 1, generator=generator) >= plan.drop_used
+    keep_made = torch.rand(len(made_ids), 1, generator=generator) >= plan.drop_made
     used_ids = used_ids.to(device)
     made_ids = made_ids.to(device)
 

@@ -25,7 +25,6 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.graphs import (
@@ -38,8 +37,8 @@ from wordcraft_kg.graphs import (
     recipe_triples,
 )
 from wordcraft_kg.graphs.arrays import different_ingredients
+from wordcraft_kg.models.knowledge.books import Words
 from wordcraft_kg.models.knowledge.outside import NOTHING, LinkTables
-from wordcraft_kg.models.knowledge.words import Words
 from wordcraft_kg.models.recipes.committee import HIDDEN, LINKS, Examples, Schedule, fit_committee
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.links import CELLS, link_features, links_by_key
@@ -125,29 +124,27 @@ def fit_recipe_scorers(
     Yields:
         an entry of ``wanted``, and the knowledge fitted without these folds.
     """
-    fold_encoders: Mapping[LeftOut, PairEncoder] = {}
-    shared_encoder = None
-    if isinstance(encoders, PairEncoder):
-        shared_encoder = encoders
-    else:
-        fold_encoders = encoders
+    has_own_encoders = not isinstance(encoders, PairEncoder) and bool(encoders)
     # By the folds left out and the fold held out.
     lessons: dict[tuple[LeftOut, int], _Lesson] = {}
     missing = set(wanted)
 
-    def make_lessons(left_out: LeftOut, turn: int) -> list[tuple[tuple[LeftOut, int], _Lesson]]:
+    def encoder_without(left_out: Collection[int]) -> PairEncoder | None:
+        if isinstance(encoders, PairEncoder):
+            return encoders
+        return encoders.get(tuple(sorted(left_out)))
+
+    def make_lessons(left_out: LeftOut, turn: int) -> dict[tuple[LeftOut, int], _Lesson]:
         without = {*left_out, turn}
         lists = words.lists(folds.recipes(without))
-        encoder = fold_encoders.get(tuple(sorted(without)), shared_encoder)
-        new_lessons = []
+        encoder = encoder_without(without)
+        new_lessons = {}
         # Each fold left out is held out for the ranker that leaves out the others.
         for held_out in without:
             ranker_folds = tuple(sorted(without - {held_out}))
-            is_lesson = held_out in lesson_folds(
-                folds, ranker_folds, has_encoder=bool(fold_encoders)
-            )
-            if ranker_folds in missing and is_lesson:
-                lesson = _lesson(
+            turns = lesson_folds(folds, ranker_folds, has_encoder=has_own_encoders)
+            if ranker_folds in missing and held_out in turns:
+                new_lessons[ranker_folds, held_out] = _lesson(
                     folds,
                     lists,
                     outside,
@@ -155,31 +152,32 @@ def fit_recipe_scorers(
                     ranker_folds,
                     held_out,
                     seed,
-                    is_own_encoder=bool(fold_encoders),
+                    is_own_encoder=has_own_encoders,
                 )
-                new_lessons.append(((ranker_folds, held_out), lesson))
         return new_lessons
 
     pool = ThreadPoolExecutor(workers)
     # Rankers are fitted beside each other, and beside the lists of the next ones.
     fits: deque[tuple[LeftOut, Future[RecipeKnowledge]]] = deque()
     try:
-        for left_out in wanted:
-            turns = lesson_folds(folds, left_out, has_encoder=bool(fold_encoders))
+        for number, left_out in enumerate(wanted, 1):
+            turns = lesson_folds(folds, left_out, has_encoder=has_own_encoders)
             new = [turn for turn in turns if (left_out, turn) not in lessons]
             for lessons_of_turn in pool.map(partial(make_lessons, left_out), new):
-                lessons.update(lessons_of_turn)
+                lessons |= lessons_of_turn
                 after()
             turn_lessons = [lessons.pop((left_out, turn)) for turn in turns]
             missing.remove(left_out)
-            encoder = fold_encoders.get(left_out, shared_encoder)
+            encoder = encoder_without(left_out)
             fit = pool.submit(_fitted, folds, words, outside, encoder, left_out, turn_lessons, seed)
             fits.append((left_out, fit))
-            # Further ones would only keep what they learn from in memory.
-            if len(fits) == workers:
-                yield _ended(fits, after)
-        while fits:
-            yield _ended(fits, after)
+            # More waiting fits would only keep what they learn from in memory.
+            num_waiting = workers - 1 if number < len(wanted) else 0
+            while len(fits) > num_waiting:
+                fold_set, first_fit = fits.popleft()
+                knowledge = first_fit.result()
+                after()
+                yield fold_set, knowledge
     finally:
         # After Ctrl-C, what is not begun is never made.
         pool.shutdown(cancel_futures=True)
@@ -204,6 +202,21 @@ def lesson_folds(folds: Folds, left_out: LeftOut, *, has_encoder: bool) -> list[
     return partner_folds or remaining_folds[:1]
 
 
+def lists_of(folds: Folds, wanted: Sequence[LeftOut], *, has_encoder: bool) -> list[LeftOut]:
+    """Return the folds that sets of lists must not have seen, an entry for each set.
+
+    Args:
+        folds: folds of the train recipes.
+        wanted: the folds that scorers leave out, in the order of their fits.
+        has_encoder: whether the scorers have pair encoders.
+    """
+    fold_sets: dict[LeftOut, None] = {}
+    for left_out in wanted:
+        for turn in lesson_folds(folds, left_out, has_encoder=has_encoder):
+            fold_sets[tuple(sorted({*left_out, turn}))] = None
+    return list(fold_sets)
+
+
 def encoders_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LeftOut]:
     """Return the folds that pair encoders must not have seen, an entry for each encoder.
 
@@ -216,30 +229,16 @@ def encoders_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LeftOut]:
     """
     fold_sets: dict[LeftOut, None] = {}
     for left_out in wanted:
-        fold_sets[left_out] = None
-        for turn in lesson_folds(folds, left_out, has_encoder=True):
-            with_turn = {*left_out, turn}
-            fold_sets[tuple(sorted(with_turn))] = None
+        with_lists = lists_of(folds, [left_out], has_encoder=True)
+        fold_sets |= dict.fromkeys([left_out, *with_lists])
     return list(fold_sets)
-
-
-def _ended(
-    fits: "deque[tuple[LeftOut, Future[RecipeKnowledge]]]",
-    after: Callable[[], None],
-) -> tuple[LeftOut, RecipeKnowledge]:
-    """Wait for the first fit, remove it from the line, and return its folds and its result."""
-    left_out, fit = fits.popleft()
-    knowledge = fit.result()
-    after()
-    return left_out, knowledge
 
 
 class _Lesson(NamedTuple):
     """What the rankers of a scorer learn from a held-out fold.
 
     Attributes:
-        combines: queries for combinesWith links.
-        components: queries for componentOf links.
+        queries: queries for links, by relation.
         links: features of the links of tables' slots to the goals, shape (N, A, F).
         pair_links: features of combinesWith links between slots, shape (N, P, F), where outside
             knowledge tells of them; else (N, P, 0).
@@ -249,8 +248,7 @@ class _Lesson(NamedTuple):
         result_links: as ``links``, of these queries: a table of two slots for each candidate.
     """
 
-    combines: Examples
-    components: Examples
+    queries: Mapping[int, Examples]
     links: Tensor
     pair_links: Tensor
     tables: Examples
@@ -280,12 +278,8 @@ def _fitted(
     """
     generator = torch.Generator().manual_seed(_seed_of(seed, left_out))
     link_rankers = {}
-    queries_by_relation = {
-        COMBINES_WITH: [lesson.combines for lesson in lessons],
-        COMPONENT_OF: [lesson.components for lesson in lessons],
-    }
-    for relation, fold_queries in queries_by_relation.items():
-        queries = _together(fold_queries)
+    for relation in (COMBINES_WITH, COMPONENT_OF):
+        queries = _together([lesson.queries[relation] for lesson in lessons])
         if len(queries.features):
             link_rankers[relation] = fit_committee(queries, generator, LINKS)
     for lesson in lessons:
@@ -324,8 +318,8 @@ def _result_ranker(
         knowledge: computes the features of known recipes.
         recipes: known recipes, ids (n, 3).
     """
-    queries = [lesson.results for lesson in lessons if lesson.results is not None]
-    parts = [examples_of_fold for examples_of_fold in queries if len(examples_of_fold.competes)]
+    queries = [lesson.results for lesson in lessons]
+    parts = [results for results in queries if results is not None and len(results.competes)]
     if not parts:
         # By-goal folds of a tiny book: no candidate is ever right. As wide as other folds' rankers,
         # with which this one is stacked.
@@ -377,16 +371,14 @@ def with_known(ranker: Ranker, of_known: Tensor, makes: int, least: Tensor) -> R
         makes: number of the feature ``makes``.
         least: smallest score of a known recipe, shape ().
     """
-    units = of_known @ ranker.first
-    units += ranker.first_bias
+    units = of_known @ ranker.first + ranker.first_bias
     positive = ranker.second.clamp(min=0)
     # A lower bound, because relu(x) is never below x.
     negative = ranker.second - positive
     scores = units.relu() @ negative + units @ positive + ranker.bias
-    lowest = scores.amin()
-    first = ranker.first.clone()
     # The same lift for all units that raise the score.
-    lift = (least - lowest).clamp(min=0) / positive.sum()
+    lift = (least - scores.amin()).clamp(min=0) / positive.sum()
+    first = ranker.first.clone()
     first[makes] = lift * (positive > 0)
     return ranker._replace(first=first)
 
@@ -436,12 +428,9 @@ def _with_tables(
     size = knowledge.num_entities
     lists = knowledge.lists()
     every = torch.arange(size)
-    tables = {}
-    for relation in (COMBINES_WITH, COMPONENT_OF):
-        ranker = link_rankers.get(relation)
-        if ranker is None:
-            tables[relation] = torch.zeros(size, size)
-            continue
+    # Links without a ranker have the score 0.
+    tables = {relation: torch.zeros(size, size) for relation in (COMBINES_WITH, COMPONENT_OF)}
+    for relation, ranker in link_rankers.items():
         scores = []
         for head_ids in every.split(max(1, CELLS // size)):
             features = link_features(lists, relation, head_ids.numpy())
@@ -491,11 +480,11 @@ def _lesson(
     rng = np.random.default_rng([_seed_of(seed, left_out), held_out])
     lessons = len(lesson_folds(folds, left_out, has_encoder=is_own_encoder))
     # A single fold has as many queries as all together would have.
-    queries = LINK_QUERIES * (folds.count - len(left_out)) // lessons
-    combines, components = (
-        _link_examples(folds, lists, outside, left_out, held_out, relation, queries, rng)
+    most = LINK_QUERIES * (folds.count - len(left_out)) // lessons
+    queries = {
+        relation: _link_examples(folds, lists, outside, left_out, held_out, relation, most, rng)
         for relation in (COMBINES_WITH, COMPONENT_OF)
-    )
+    }
     recipes = folds.recipes_of(held_out)
     known_recipes = folds.recipes(left_out)
     # An equal share of the examples for each fold, rounded up.
@@ -504,8 +493,8 @@ def _lesson(
     tables, goals = drawn_tables(lesson_recipes, known_recipes, len(lists.norms), rng)
     links, examples = table_examples(lists, encoder, tables, goals, known_recipes)
     # Empty slots have no row; their pairs do not compete.
-    slots = _tensor(tables).clamp(min=0)
-    from_outside = _outside(outside, COMPONENT_OF, slots, _tensor(goals)[:, None])
+    slots = torch.from_numpy(tables).clamp(min=0)
+    from_outside = _outside(outside, COMPONENT_OF, slots, torch.from_numpy(goals)[:, None])
     first_slots, second_slots = pairs_of(slots.shape[1], slots.device)
     pair_links = torch.zeros(len(slots), len(first_slots), 0)
     if outside.pairs:
@@ -515,8 +504,7 @@ def _lesson(
         known_pairs = links_by_key(lists, COMBINES_WITH, *places).view(*a.shape, -1)
         pair_links = torch.cat([known_pairs, _outside(outside, COMBINES_WITH, a, b)], dim=-1)
     lesson = _Lesson(
-        combines,
-        components,
+        queries,
         torch.cat([links, from_outside], dim=-1),
         pair_links,
         examples,
@@ -549,13 +537,15 @@ def _result_queries(
     """
     sampled_rows = rng.permutation(len(recipes))[:RESULT_QUERIES]
     pairs = np.unique(recipes[np.sort(sampled_rows), :2], axis=0)
-    a, b = _tensor(pairs).T.contiguous()
+    a, b = torch.from_numpy(pairs).T.contiguous()
     candidates = propose_results(lists, encoder, a, b).numpy()
     competes = candidates >= 0
     keys = _keys(lists, pairs[:, :1], pairs[:, 1:], candidates)
     is_right = np.isin(keys, _keys(lists, *known_recipes.T)) & competes
     # A pair whose result nobody proposes has nothing to teach.
     has_right = is_right.any(1)
+    competes = competes[has_right]
+    is_right = is_right[has_right]
     query_candidates = candidates[has_right]
     tables = np.repeat(pairs[has_right], query_candidates.shape[1], axis=0)
     goals = query_candidates.ravel()
@@ -563,7 +553,8 @@ def _result_queries(
     links, every = table_examples(lists, encoder, tables, goals, known_recipes, slots_of_pair)
     # (N C, 1, F) to (N, C, F).
     features = every.features.view(*query_candidates.shape, -1)
-    return links, Examples(features, _tensor(competes[has_right]), _tensor(is_right[has_right]))
+    examples = Examples(features, torch.from_numpy(competes), torch.from_numpy(is_right))
+    return links, examples
 
 
 def _link_examples(
@@ -592,9 +583,8 @@ def _link_examples(
     every = folds.triples(left_out)
     fold_triples = recipe_triples(folds.recipes_of(held_out))
     train_triples = folds.triples([*left_out, held_out])
-    is_own = fold_triples[:, 1] == relation
     is_new = ~is_in(fold_triples, train_triples, size)
-    new = fold_triples[is_own & is_new]
+    new = fold_triples[is_new & (fold_triples[:, 1] == relation)]
     sampled_rows = rng.permutation(len(new))[:queries]
     query_links = new[np.sort(sampled_rows)]
     parts = []
@@ -608,34 +598,18 @@ def _link_examples(
         candidates[:, 0] = answer_ids
         is_right = np.zeros(candidates.shape, dtype=bool)
         is_right[:, 0] = True
-        links = _triples(query_entities[:, None], relation, candidates, heads=heads)
+        queried = query_entities[:, None]
+        sides = (candidates, relation, queried) if heads else (queried, relation, candidates)
+        links = np.stack(np.broadcast_arrays(*sides), axis=-1)
         is_known = is_in(links.reshape(-1, 3), every, size).reshape(candidates.shape)
         features = link_features(lists, relation, query_entities, candidates, heads=heads)
-        link_heads = _tensor(links[..., 0])
-        link_tails = _tensor(links[..., 2])
+        link_heads, _, link_tails = torch.from_numpy(links).unbind(-1)
         from_outside = _outside(outside, relation, link_heads, link_tails)
         features = torch.cat([features, from_outside], dim=-1)
         # Other right answers do not compete with the one that is asked for.
         competes = ~is_known | is_right
-        parts.append(Examples(features, _tensor(competes), _tensor(is_right)))
+        parts.append(Examples(features, torch.from_numpy(competes), torch.from_numpy(is_right)))
     return _together(parts)
-
-
-def _triples(query_ids: Ids, relation: int, candidate_ids: Ids, *, heads: bool) -> Ids:
-    """Return the triples of query entities (B, 1) and candidates (B, N), shape (B, N, 3).
-
-    Args:
-        query_ids: entities on one side.
-        relation: relation id.
-        candidate_ids: entities on the other side.
-        heads: whether ``candidate_ids`` are the heads.
-    """
-    query_ids = np.broadcast_to(query_ids, candidate_ids.shape)
-    relations = np.full(candidate_ids.shape, relation)
-    sides = (
-        (candidate_ids, relations, query_ids) if heads else (query_ids, relations, candidate_ids)
-    )
-    return np.stack(sides, axis=-1)
 
 
 def drawn_tables(
@@ -656,8 +630,7 @@ def drawn_tables(
         ids of slots, shape (N, A), -1 for empty slots; and goals, shape (N,).
     """
     # A small book has few recipes to learn from, so that more distractors help.
-    min_draws, max_draws = DRAWS
-    draws = int(np.clip(EXAMPLES // max(len(known), 1), min_draws, max_draws))
+    draws = int(np.clip(EXAMPLES // max(len(known), 1), *DRAWS))
     tables = [_tables(recipes, known, size, amount, rng) for amount in TABLES * draws]
     return np.concatenate(tables), np.tile(recipes[:, 2], len(tables))
 
@@ -688,7 +661,7 @@ def table_examples(
     slots = slot_pairs or pairs_of(tables.shape[1], torch.device("cpu"))
     first_slots, second_slots = (part.numpy() for part in slots)
     links = links_by_key(lists, COMPONENT_OF, goals, tables)
-    features = _tensor(
+    features = torch.from_numpy(
         pair_features(lists, (first_slots, second_slots), goals, tables, links.numpy())
     )
     a = tables[:, first_slots]
@@ -696,13 +669,14 @@ def table_examples(
     competes = (a >= 0) & (b >= 0)
     if encoder is not None:
         # Any entity will do in an empty place.
-        ids = [_tensor(np.maximum(entity_ids, 0)) for entity_ids in (a, b, goals)]
+        ids = [torch.from_numpy(np.maximum(entity_ids, 0)) for entity_ids in (a, b, goals)]
         blocks = zip(*(entity_ids.split(_TOGETHER) for entity_ids in ids), strict=True)
         encoded = torch.cat([encoder.features(*block) for block in blocks])
-        features = torch.cat([features, encoded.masked_fill(~_tensor(competes)[..., None], 0)], -1)
+        encoded[~torch.from_numpy(competes)] = 0
+        features = torch.cat([features, encoded], dim=-1)
     # The key of a pair with an empty slot may be that of another recipe.
     is_right = np.isin(_keys(lists, a, b, goals[:, None]), _keys(lists, *known.T)) & competes
-    return links, Examples(features, _tensor(competes), _tensor(is_right))
+    return links, Examples(features, torch.from_numpy(competes), torch.from_numpy(is_right))
 
 
 def _keys(lists: Lists, a: Ids, b: Ids, results: Ids) -> Ids:
@@ -734,10 +708,9 @@ def _tables(
     """
     # In a recipe a + a, the entity counts once.
     _, users = different_ingredients(known_recipes, size)
-    weights = 1.0 + np.bincount(users, minlength=size)
-    ends = np.cumsum(weights)
-    slots = 2 + max(TABLES)
-    tables = np.full((len(recipes), slots), -1, dtype=np.int64)
+    # Where the interval of each entity ends, which is as long as its weight.
+    ends = np.cumsum(1.0 + np.bincount(users, minlength=size))
+    tables = np.full((len(recipes), 2 + max(TABLES)), -1, dtype=np.int64)
     tables[:, :2] = recipes[:, :2]
     # An entity is on a table once, also if the recipe combines it with itself.
     is_twice = recipes[:, 0] == recipes[:, 1]
@@ -746,7 +719,6 @@ def _tables(
     # Some are drawn twice; the first draws of different entities count.
     draws = 4 * amount + 16
     shares = rng.random((len(recipes), draws))
-    # Places in the row of all weights: an entity's interval is as long as its weight.
     drawn_ids = np.searchsorted(ends, shares * ends[-1], "right")
     by_recipe = zip(recipes.tolist(), drawn_ids.tolist(), strict=True)
     for row, (recipe, entities) in enumerate(by_recipe):
@@ -766,7 +738,3 @@ def _seed_of(seed: int, left_out: Collection[int]) -> int:
     """Return a seed for the scorer without these folds."""
     rng = np.random.default_rng([seed, *sorted(left_out)])
     return int(rng.integers(2**31))
-
-
-def _tensor(array: NDArray[np.generic]) -> Tensor:
-    return torch.from_numpy(array)

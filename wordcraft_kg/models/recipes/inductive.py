@@ -57,11 +57,8 @@ def extended(
             have another shape.
         RecipeFileError: if a label is invalid.
     """
-    main = whole_of(scorer)
-    if not isinstance(main, RecipeScorer):
-        raise _other_kind(scorer)
-    checked = [check_label(label, "a new entity") for label in labels]
-    entities = (*main.entities, *checked)
+    main = _recipe_scorer(scorer)
+    entities = (*main.entities, *(check_label(label, "a new entity") for label in labels))
     if len(set(entities)) < len(entities):
         # From the end, where the new labels are.
         repeated = next(label for label in reversed(entities) if entities.count(label) > 1)
@@ -89,9 +86,8 @@ def extended(
     tables = {name: constants[name] for name in LINK_TABLES if constants[name].numel()}
     # Only for books that are small enough for tables: shares of all pairs would take gigabytes.
     if tables:
-        shares = _shares_of_old(every.float(), size)
-        for name, table in tables.items():
-            tensors[name] = _wider_tables(table, shares.to(table.device))
+        shares = _shares_of_old(every.float(), size).to(main.device)
+        tensors |= {name: _wider_tables(table, shares) for name, table in tables.items()}
     return RecipeScorer(
         constants | tensors,
         entities,
@@ -127,11 +123,7 @@ def _wider_tables(tables: Tensor, shares: Tensor) -> Tensor:
 
     A new entity has the mean scores of the old ones in ``shares``, shape (T, size).
     """
-    wider = []
-    for table in tables:
-        means = shares @ table.float() @ shares.T
-        wider.append(means.half())
-    return torch.stack(wider)
+    return torch.stack([(shares @ table.float() @ shares.T).half() for table in tables])
 
 
 class LabelledScorer(NamedTuple):
@@ -163,21 +155,24 @@ def for_labels(folder: str | Path, scorer: Scorer, labels: Sequence[str]) -> Lab
         UnknownEntityError: if there are new labels, and the model uses no words.
         ArtefactError: if the folder is damaged, or the word vectors have changed.
     """
-    main = whole_of(scorer)
+    main = _recipe_scorer(scorer)
     num_trained = len(main.entities)
     ids = ids_among(main.entities, labels)
     new = [label for label, row in zip(labels, ids.tolist(), strict=True) if row >= num_trained]
-    if new:
-        labelled = with_words(folder, scorer, new, allow_missing=True)
-        return LabelledScorer(labelled, num_trained, ids)
-    if not isinstance(main, RecipeScorer):
-        raise _other_kind(scorer)
-    return LabelledScorer(main, num_trained, ids)
+    labelled = with_words(folder, scorer, new, allow_missing=True) if new else main
+    return LabelledScorer(labelled, num_trained, ids)
 
 
-def _other_kind(scorer: Scorer) -> ConfigError:
-    """Return the error for a scorer that is no recipe scorer."""
-    return ConfigError(
+def _recipe_scorer(scorer: Scorer) -> RecipeScorer:
+    """Return a recipe scorer, of a cross-fitted one that of all folds.
+
+    Raises:
+        ConfigError: for a scorer of another kind.
+    """
+    main = whole_of(scorer)
+    if isinstance(main, RecipeScorer):
+        return main
+    raise ConfigError(
         f"{scorer.name} is not a recipe scorer; expected a model from `wordcraft-kg train-recipes`."
     )
 
@@ -269,11 +264,10 @@ def with_words(
     has_vector = features.known
     if words == "minilm":
         vectors, has_vector = _completed(features, every)
-    reason = _why_unknown(words)
     # The error names the first label without a vector.
     for label, is_known in zip(labels, has_vector[size:], strict=True):
         if not (is_known or allow_missing):
-            raise unknown(label, reason)
+            raise unknown(label, _why_unknown(words))
     return extended(scorer, labels, vectors[size:])
 
 
@@ -282,11 +276,10 @@ def _why_unknown(words: str) -> str:
     if words == "minilm":
         return "No word in this label has a vector."
     if os.path.isdir(words):
-        remedy = (
-            f"Encode it with the graph, `{ENCODE} --labels LABEL`, and train with these vectors, "
-            "or with glove."
+        return (
+            f"The model's `features` {words} have no vector for this label. Encode it with the "
+            f"graph, `{ENCODE} --labels LABEL`, and train with these vectors, or with glove."
         )
-        return f"The model's `features` {words} have no vector for this label. {remedy}"
     return f"No word in this label has a vector in {words}."
 
 

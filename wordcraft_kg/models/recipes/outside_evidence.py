@@ -8,6 +8,7 @@ same in all folds, and so is its evidence. The page docs/outside-knowledge.md sh
 import logging
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, islice, zip_longest
 from pathlib import Path
@@ -21,7 +22,6 @@ from wordcraft_kg.graphs import COMBINES_WITH, RELATIONS, Entity, OpenedGraph, R
 from wordcraft_kg.models.knowledge.books import open_other_book
 from wordcraft_kg.models.knowledge.knowledge_folder import (
     FACTS,
-    KNOWLEDGE,
     TABLES,
     KnowledgeTables,
     TableInfo,
@@ -64,20 +64,24 @@ class OutsideEvidence(Record):
 
     def __str__(self) -> str:
         """Return a line such as ``language model: bread needs dough (+3.1)``."""
-        line = f"{self.source}: {self.text}"
-        if self.value is None:
-            return line
-        return f"{line} ({self.value:+.1f})"
+        value = "" if self.value is None else f" ({self.value:+.1f})"
+        return f"{self.source}: {self.text}{value}"
 
 
 _Source = Callable[[_Slots], Sequence[OutsideEvidence]]
 """Returns a source's evidence, strongest first."""
 
 
+@dataclass(frozen=True, eq=False)
 class OutsideEvidenceFinder:
     """Finds evidence for recipes and links in a recipe scorer's outside knowledge.
 
     The sources are opened at first use.
+
+    Attributes:
+        settings: name the sources.
+        hashes: of the sources at the time of the training.
+        opened: the graph of the scorer.
 
     Example:
         >>> finder = OutsideEvidenceFinder.open("models/kitchen-recipes", open_graph("kitchen"))
@@ -85,17 +89,9 @@ class OutsideEvidenceFinder:
         True
     """
 
-    def __init__(self, settings: RecipeScorerConfig, hashes: frozenset[str], opened: OpenedGraph):
-        """Prepare to find evidence.
-
-        Args:
-            settings: name the sources.
-            hashes: of the sources at the time of the training.
-            opened: the graph of the scorer.
-        """
-        self._settings = settings
-        self._hashes = hashes
-        self._opened = opened
+    settings: RecipeScorerConfig
+    hashes: frozenset[str]
+    opened: OpenedGraph
 
     @classmethod
     def open(
@@ -147,9 +143,8 @@ class OutsideEvidenceFinder:
         Raises:
             UnknownEntityError: for a label or id that the graph lacks.
         """
-        id_of = self._opened.graph.id_of
-        slots = (id_of(a), id_of(b), id_of(result))
-        return self._find(slots)
+        id_of = self.opened.graph.id_of
+        return self._find((id_of(a), id_of(b), id_of(result)))
 
     def of_link(self, head: Entity, relation: str, tail: Entity) -> tuple[OutsideEvidence, ...]:
         """Return evidence for a link, as :meth:`of_recipe`, from tables with the relation's role.
@@ -162,7 +157,7 @@ class OutsideEvidenceFinder:
         Raises:
             UnknownEntityError: for a label or id that the graph lacks.
         """
-        id_of = self._opened.graph.id_of
+        id_of = self.opened.graph.id_of
         head_id = id_of(head)
         tail_id = id_of(tail)
         if relation == RELATIONS[COMBINES_WITH]:
@@ -171,48 +166,46 @@ class OutsideEvidenceFinder:
 
     def _find(self, slots: _Slots) -> tuple[OutsideEvidence, ...]:
         by_source = [source(slots) for source in self._sources]
-        # In turns: the strongest evidence of each source, then the second of each.
-        pieces = chain.from_iterable(zip_longest(*by_source))
-        # None where a source has no more; each piece once, at its first place.
-        distinct = dict.fromkeys(piece for piece in pieces if piece is not None)
-        return tuple(islice(distinct, LIMIT))
+        # In turns: the strongest evidence of each source, then the second of each; None where a
+        # source has no more.
+        pieces = filter(None, chain.from_iterable(zip_longest(*by_source)))
+        # Each piece once, at its first place.
+        return tuple(islice(dict.fromkeys(pieces), LIMIT))
 
     @cached_property
     def _sources(self) -> list[_Source]:
         """The sources that are as they were in the training; a warning for each missing one."""
         sources: list[_Source] = []
-        for spec in self._settings.with_:
+        for spec in self.settings.with_:
             try:
-                if (Path(spec) / KNOWLEDGE).is_file():
-                    sources += self._folder_sources(spec)
-                elif is_book(spec):
-                    sources.append(self._book_source(spec))
+                open_source = self._book_source if is_book(spec) else self._folder_source
+                sources.append(open_source(spec))
             except WordCraftKGError as error:
                 logging.getLogger(__name__).warning("no evidence from '%s': %s", spec, error)
         return sources
 
     def _check(self, sha256: str) -> None:
         """Raise ArtefactError for a hash that no source had in the training."""
-        if sha256 not in self._hashes:
+        if sha256 not in self.hashes:
             raise ArtefactError("the source has changed since the model was trained.")
 
-    def _folder_sources(self, spec: str) -> list[_Source]:
-        """Return a folder's evidence as one source: its facts, then cells of its tables."""
+    def _folder_source(self, spec: str) -> _Source:
+        """Return a folder's evidence: its facts, then cells of its tables."""
         files = knowledge_files(spec)
         self._check(files.run.outputs[TABLES])
-        knowledge = read_knowledge(spec).of_entities(self._opened.graph.entities)
+        knowledge = read_knowledge(spec).of_entities(self.opened.graph.entities)
         parts = [_table_evidence(knowledge)]
         if FACTS in files.run.outputs:
             parts.insert(0, _fact_evidence(files, knowledge))
-        return [lambda slots: [piece for part in parts for piece in part(slots)]]
+        return lambda slots: [piece for part in parts for piece in part(slots)]
 
     def _book_source(self, spec: str) -> _Source:
         # As in the training: a zero-shot scorer may use recipes of the train part.
         book = open_other_book(
             spec,
-            self._opened,
-            keep_train=self._settings.kg == "none",
-            without=[open_graph(book_name).graph for book_name in self._settings.without],
+            self.opened,
+            keep_train=self.settings.kg == "none",
+            without=[open_graph(book_name).graph for book_name in self.settings.without],
         )
         self._check(book.source.sha256)
         pairs = book.recipes[:, :2]
@@ -228,11 +221,11 @@ class OutsideEvidenceFinder:
             # An ingredient with the result says more than both ingredients with another result.
             strength = 2 * (uses_any & (results == result)) + uses_both
             order = np.argsort(-strength, kind="stable")[: np.count_nonzero(strength)]
-            texts = []
+            evidence = []
             for row in book.recipes[order[:LIMIT]].tolist():
-                labels = [book.labels[entity] for entity in row]
-                texts.append(str(Recipe.of(*labels)))
-            return [OutsideEvidence(book.source.name, text, None) for text in texts]
+                recipe = Recipe.of(*(book.labels[entity] for entity in row))
+                evidence.append(OutsideEvidence(book.source.name, str(recipe), None))
+            return evidence
 
         return find
 
@@ -260,7 +253,7 @@ def _table_evidence(knowledge: KnowledgeTables) -> _Source:
                 value = float(table[row, column])
                 strength = (value - mean) / deviation
                 if value > 0 and strength >= STANDS_OUT:
-                    text = _phrase(info, entities[row], entities[column])
+                    text = info.words(entities[row], entities[column])
                     evidence.append((strength, OutsideEvidence(source, text, value)))
         evidence.sort(key=lambda pair: -pair[0])
         return [piece for _, piece in evidence]
@@ -278,12 +271,6 @@ def _cells(info: TableInfo, slots: _Slots) -> Iterator[tuple[int, int]]:
             yield row, column
 
 
-def _phrase(info: TableInfo, row: str, column: str) -> str:
-    """Return a table's phrase with two labels in it."""
-    names = ("{a}", "{b}") if info.role == "pair" else ("{ingredient}", "{result}")
-    return info.phrase.replace(names[0], row).replace(names[1], column)
-
-
 def _fact_evidence(files: RunFiles, knowledge: KnowledgeTables) -> _Source:
     """Return facts that link two labels, then facts that two labels share, rarest first.
 
@@ -295,9 +282,9 @@ def _fact_evidence(files: RunFiles, knowledge: KnowledgeTables) -> _Source:
     frequency = Counter(chain.from_iterable(facts_of.values()))
 
     def find(slots: _Slots) -> list[OutsideEvidence]:
-        entities = [knowledge.record.entities[slot] for slot in slots if slot is not None]
         # a + a has each fact once.
-        labels = list(dict.fromkeys(entities))
+        ids = dict.fromkeys(slot for slot in slots if slot is not None)
+        labels = [knowledge.record.entities[entity] for entity in ids]
         links: list[str] = []
         shared: dict[tuple[str, str], str] = {}
         for position, head in enumerate(labels):

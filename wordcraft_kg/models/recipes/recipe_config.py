@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Literal, get_args
 
-from wordcraft_kg.base.settings import MAX_THREADS, one_of, refuse, require, whole
+from wordcraft_kg.base.settings import MAX_THREADS, one_of, require, whole
 from wordcraft_kg.graphs.graph_folder import TrainedOn
 from wordcraft_kg.graphs.train_samples import check_train_sample
 from wordcraft_kg.runs.config_file import RunConfig
@@ -87,12 +87,8 @@ class RecipeScorerConfig:
         check_train_sample(self.kg, self.train_fraction, self.label_noise)
         # A bool is an int in Python, but no number of folds.
         is_number = isinstance(self.folds, int) and not isinstance(self.folds, bool)
-        if not is_number or self.folds < 2:
-            raise refuse(
-                "folds",
-                self.folds,
-                "a whole number, 2 or more: the rankers learn on held-out folds",
-            )
+        expected = "a whole number, 2 or more: the rankers learn on held-out folds"
+        require(self, "folds", is_number and self.folds >= 2, expected)
         require(self, "allow_missing", isinstance(self.allow_missing, bool), "true or false")
         require(self, "without", not self.without or self.kg == "full", "empty unless `kg` is full")
         whole("seed", self.seed, 0)

@@ -1,26 +1,42 @@
-"""JSON records in a recipe scorer's model folder.
+"""JSON records in a recipe scorer's model folder, and steps that all its trainings share.
 
 The page docs/architecture.md, *On disk*, lists the files of a model folder.
 """
 
-from collections.abc import Sequence
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
+from typing import Any, ClassVar
 
+from threadpoolctl import threadpool_limits
+
+from wordcraft_kg.base import ArtefactError, as_values, dump_json, write_atomically
 from wordcraft_kg.base.records import Count, Hash, Record, Share
+from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.graph_folder import TrainedOn
 from wordcraft_kg.models.knowledge.books import OutsideSource
 from wordcraft_kg.models.knowledge.outside import describe_source
 from wordcraft_kg.models.model import History, cross_fitted_words
 from wordcraft_kg.models.recipes.recipe_config import RecipesConfig
+from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
 from wordcraft_kg.runs.record import RunFiles
+from wordcraft_kg.runs.run_folder import Progress, RunFolder, RunKind
+from wordcraft_kg.runs.trackers import Log
+from wordcraft_kg.runs.training import Training
+
+FIT = "fit"
+ENCODER = "encoder"
+OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json")
 
 
 class FitDone(Record, frozen=True, kw_only=True):
     """Record saved with a finished fit in an unfinished run.
 
     Attributes:
-        trained_on: hash of the training triples; of the recipes, for an encoder of other books.
+        trained_on: hash of the training triples; for models of sets, of all data. For an encoder of
+            other books, hash of the triples of the scorer that uses it.
     """
 
     trained_on: Hash
@@ -53,6 +69,21 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
     fold_mrr: Share | None
     fold_in_sample_mrr: Share | None
     outside: tuple[OutsideSource, ...] = ()
+
+    def facts(self) -> dict[str, str]:
+        """Return facts about the training by name, for reports and the model card."""
+        facts = {
+            "what it is": f"rankers fitted on {self.recipes:,} recipes, each held out in turn; "
+            f"words: {self.features}",
+            "training": f"{self.seconds:.1f} s",
+        }
+        if self.outside:
+            facts["outside knowledge"] = "; ".join(map(describe_source, self.outside))
+        if self.folds:
+            facts["cross-fitted"] = cross_fitted_words(
+                self.folds, self.fold_mrr, self.fold_in_sample_mrr
+            )
+        return facts
 
 
 class SetMetrics(Record, frozen=True, kw_only=True):
@@ -107,8 +138,8 @@ class SetMetrics(Record, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True)
-class TrainedSets:
-    """Outcome of the training of a model of sets.
+class TrainedRecipes:
+    """Outcome of :func:`~wordcraft_kg.models.recipes.recipe_training.train_recipes`.
 
     Attributes:
         folder: model folder.
@@ -116,7 +147,7 @@ class TrainedSets:
     """
 
     folder: Path
-    metrics: SetMetrics
+    metrics: RecipeMetrics | SetMetrics
 
 
 def is_of_sets(files: RunFiles) -> bool:
@@ -124,22 +155,15 @@ def is_of_sets(files: RunFiles) -> bool:
     return "parts" in files.run.inputs
 
 
-def fitting_facts(metrics: RecipeMetrics) -> dict[str, str]:
-    """Return facts about a training by name, for reports and the model card."""
-    facts = {
-        "what it is": f"rankers fitted on {metrics.recipes:,} recipes, each held out in turn; "
-        f"words: {metrics.features}",
-        "training": f"{metrics.seconds:.1f} s",
-    }
-    if metrics.outside:
-        facts["outside knowledge"] = "; ".join(map(describe_source, metrics.outside))
-    if metrics.folds:
-        facts["cross-fitted"] = cross_fitted_words(
-            metrics.folds,
-            metrics.fold_mrr,
-            metrics.fold_in_sample_mrr,
-        )
-    return facts
+def read_metrics(files: RunFiles) -> RecipeMetrics | SetMetrics:
+    """Return the metrics in a folder of ``train-recipes``.
+
+    Raises:
+        ArtefactError: if the file is missing, damaged or has changed.
+    """
+    if is_of_sets(files):
+        return files.record("metrics.json", SetMetrics)
+    return files.record("metrics.json", RecipeMetrics)
 
 
 def recipes_history(files: RunFiles) -> History:
@@ -149,22 +173,136 @@ def recipes_history(files: RunFiles) -> History:
         ArtefactError: if a file is missing, damaged or has changed.
     """
     config = RecipesConfig.read(files.folder)
-    trained_by = {"trained by": " ".join(files.run.argv)}
-    if is_of_sets(files):
-        set_metrics = files.record("metrics.json", SetMetrics)
-        return History(config, trained_by | set_metrics.facts(), set_metrics)
-    metrics = files.record("metrics.json", RecipeMetrics)
+    metrics = read_metrics(files)
+    facts = {"trained by": " ".join(files.run.argv), **metrics.facts()}
+    if isinstance(metrics, SetMetrics):
+        return History(config, facts, metrics)
     settings = [f"{name} {value}" for name, value in vars(config.settings).items()]
-    facts = {
-        **trained_by,
-        **fitting_facts(metrics),
-        "settings": ", ".join(settings),
-    }
-    labels = made_by_other_books(metrics.outside)
-    return History(config, facts, metrics, made_by_other_books=labels)
+    facts["settings"] = ", ".join(settings)
+    return History(config, facts, metrics, made_by_other_books=made_by_other_books(metrics.outside))
 
 
 def made_by_other_books(sources: Sequence[OutsideSource]) -> frozenset[str] | None:
     """Return the labels that any other book among the sources makes; None without a book."""
     labels = [frozenset(source.makes) for source in sources if source.kind == "book"]
     return frozenset().union(*labels) if labels else None
+
+
+class FitsTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
+    """Base of trainings that save each finished fit; a resumed run makes the missing ones.
+
+    Attributes:
+        kind: the kind of run.
+        fits: name of the parts of the training, for the message of an interruption.
+        num_fits: their number.
+    """
+
+    kind: ClassVar[RunKind[Any]] = RunKind(
+        RecipesConfig.commands,
+        "recipes",
+        unit="part",
+        progress=FitDone,
+        saved_as=(FIT, ENCODER),
+    )
+    config_type = RecipesConfig
+    fits: ClassVar[str]
+    num_fits: int
+
+    @abstractmethod
+    def inputs(self) -> dict[str, str]:
+        """Return the hashes of all inputs by name."""
+
+    @abstractmethod
+    def make(self, run: RunFolder[FitDone], report: Progress | None) -> TrainedRecipes:
+        """Make and save all fits that are not saved yet, and write the model folder."""
+
+    def begin(  # noqa: D102 - inherited
+        self, run: RunFolder[FitDone], report: Progress | None
+    ) -> Mapping[str, Any]:
+        return {"inputs": self.inputs()}
+
+    def restored(self, run: RunFolder[FitDone]) -> None:
+        """Return None in place of a checkpoint: a resumed run skips all saved fits."""
+
+    def fit(  # noqa: D102 - inherited
+        self,
+        run: RunFolder[FitDone],
+        report: Progress | None,
+        log: Log,
+        checkpoint: Checkpoint[FitDone] | None,
+    ) -> TrainedRecipes:
+        # A fit has no epochs, so `log` gets nothing, and `checkpoint` is None.
+        if not run.is_live:
+            # Fits of one run must have the same inputs, or folds and main model would differ in
+            # more than the recipes that they leave out.
+            for name, sha256 in self.inputs().items():
+                if sha256 != run.record.inputs.get(name):
+                    raise ArtefactError(
+                        f"`{name}` has changed since '{run.path}' began. Restore the earlier "
+                        "files, or train again."
+                    )
+            run.resume(self.config)
+        # For small arrays, further threads mostly wait, at full load.
+        threads = self.config.settings.threads
+        try:
+            with torch_threads(threads), threadpool_limits(threads):
+                return self.make(run, report)
+        except KeyboardInterrupt:
+            num_saved = len(saved_parts(run, FIT).records())
+            num_encoders = len(saved_parts(run, ENCODER).records())
+            encoders = f", and {num_encoders} pair encoders" if num_encoders else ""
+            raise KeyboardInterrupt(
+                f"interrupted; {num_saved} of {self.num_fits} {self.fits} are saved in "
+                f"'{run.path}'{encoders}. Repeat the command to make the rest."
+            ) from None
+
+    def finish(
+        self,
+        run: RunFolder[FitDone],
+        metrics: RecipeMetrics | SetMetrics,
+        fold_files: Sequence[str],
+        card: str,
+    ) -> TrainedRecipes:
+        """Write the metrics and the model card, and end the run.
+
+        Args:
+            run: the run's folder.
+            metrics: of the training.
+            fold_files: names of the files of models without each fold.
+            card: the README.
+        """
+        write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
+        run.finish((*OUTPUTS, *fold_files), card)
+        return TrainedRecipes(run.path, metrics)
+
+    @classmethod
+    def outcome(cls, files: RunFiles) -> TrainedRecipes:  # noqa: D102 - inherited
+        return TrainedRecipes(files.folder, read_metrics(files))
+
+
+def saved_parts(run: RunFolder[FitDone], name: str) -> Checkpoints[FitDone]:
+    """Return the saved fits, or the pair encoders, of a run: all are kept until it ends."""
+    return Checkpoints(run.path, name, FitDone, kept=None)
+
+
+def counter(
+    run: RunFolder[FitDone], report: Progress | None, total: int, num_done: int = 0
+) -> Callable[[], None]:
+    """Return a function that reports a finished part, and ends the training after Ctrl-C.
+
+    Args:
+        run: the run's folder.
+        report: progress callback; None reports nothing.
+        total: number of all parts.
+        num_done: number of parts that an interrupted run has saved.
+    """
+    numbers = count(num_done + 1)
+
+    def after() -> None:
+        if run.interrupted.is_set():
+            raise KeyboardInterrupt
+        number = next(numbers)
+        if report:
+            report(min(number, total), total, {})
+
+    return after

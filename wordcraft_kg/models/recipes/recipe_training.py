@@ -7,9 +7,8 @@ The page docs/explanation/recipe-scorer.md has the formulas of what is fitted.
 """
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -18,14 +17,7 @@ import torch
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 
-from wordcraft_kg.base import (
-    ArtefactError,
-    ConfigError,
-    as_values,
-    cores,
-    dump_json,
-    write_atomically,
-)
+from wordcraft_kg.base import ConfigError, cores
 from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.base.tensors import check_device, torch_threads
 from wordcraft_kg.graphs import (
@@ -44,27 +36,32 @@ from wordcraft_kg.graphs import (
     open_graph,
     triples_hash,
 )
-from wordcraft_kg.models.knowledge.books import OtherBook, recipes_together, shared_recipes
-from wordcraft_kg.models.knowledge.outside import (
-    LinkTables,
-    is_book,
-    join_books,
-    open_outside,
+from wordcraft_kg.models.knowledge.books import (
+    OtherBook,
+    Words,
+    recipes_together,
+    shared_recipes,
+    word_features,
+    words_of_books,
 )
-from wordcraft_kg.models.knowledge.words import Words, word_features, words_of_books
+from wordcraft_kg.models.knowledge.outside import LinkTables, is_book, join_books, open_outside
 from wordcraft_kg.models.recipes.encoder_fitting import fit_encoder, fit_encoders
 from wordcraft_kg.models.recipes.fitting import (
     LeftOut,
     encoders_of,
     fit_recipe_scorers,
-    lesson_folds,
+    lists_of,
 )
 from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.recipe_records import (
+    ENCODER,
+    FIT,
     FitDone,
+    FitsTraining,
     RecipeMetrics,
-    fitting_facts,
-    is_of_sets,
+    TrainedRecipes,
+    counter,
+    saved_parts,
 )
 from wordcraft_kg.models.recipes.set_training import SetsTraining, trains_sets
 from wordcraft_kg.models.scorers.features import named
@@ -75,28 +72,9 @@ from wordcraft_kg.models.scorers.ranker import Ranker
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.score_limits import check_table, fitting_workers
 from wordcraft_kg.models.scorers.scorer_folder import FOLD_OUTPUTS, write_folds, write_scorer
-from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
-from wordcraft_kg.runs.record import RunFiles, scorer_card
-from wordcraft_kg.runs.run_folder import Progress, RunFolder, RunKind
-from wordcraft_kg.runs.trackers import Log
+from wordcraft_kg.runs.record import scorer_card
+from wordcraft_kg.runs.run_folder import Progress, RunFolder
 from wordcraft_kg.runs.training import Training, train
-
-_FIT = "fit"
-_ENCODER = "encoder"
-OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json")
-
-
-@dataclass(frozen=True)
-class TrainedRecipes:
-    """Outcome of :func:`train_recipes`.
-
-    Attributes:
-        folder: model folder.
-        metrics: content of ``metrics.json``.
-    """
-
-    folder: Path
-    metrics: RecipeMetrics
 
 
 def train_recipes(
@@ -175,21 +153,6 @@ def _folds(
     return folds.with_train_sample(sample)
 
 
-@contextmanager
-def _threads(number: int) -> Iterator[None]:
-    """Limit the CPU threads of torch and NumPy.
-
-    For small arrays, further threads mostly wait, at full load.
-    """
-    with torch_threads(number), threadpool_limits(number):
-        yield
-
-
-def _saved(folder: Path, name: str) -> Checkpoints[FitDone]:
-    """Return the saved fits, or the pair encoders, of a run: all are kept until it ends."""
-    return Checkpoints(folder, name, FitDone, kept=None)
-
-
 def encoder_of_books(
     books: Sequence[OtherBook],
     num_own: int,
@@ -219,10 +182,7 @@ def encoder_of_books(
         ConfigError: if most labels have no vector, and ``allow_missing`` is False.
     """
     # In order of appearance, so that the graph's entities keep their ids.
-    distinct: dict[str, None] = {}
-    for book in books:
-        distinct |= dict.fromkeys(book.labels)
-    labels = tuple(distinct)
+    labels = tuple(dict.fromkeys(chain.from_iterable(book.labels for book in books)))
     words = words_of_books(features, labels, allow_missing=allow_missing)
     # Rounded as a model stores them.
     vectors = words.unit_vectors.astype(np.float16).astype(np.float32)
@@ -249,25 +209,24 @@ def tables_alone(outside: LinkTables, words: Words) -> RecipeKnowledge:
         scaled = [torch.from_numpy(standardised(table.numpy(), None)) for table in tables]
         return torch.stack(scaled).float().mean(0) if scaled else torch.zeros(size, size)
 
-    pairs = mean(outside.pairs)
-    parts = mean(outside.parts)
+    tables = {COMBINES_WITH: mean(outside.pairs), COMPONENT_OF: mean(outside.parts)}
     no_recipes = np.empty((0, 3), dtype=np.int64)
     knowledge = RecipeKnowledge.of_recipes(no_recipes, words.vectors, words.near)
-    tables = {COMBINES_WITH: pairs, COMPONENT_OF: parts}
     # A ranker that adds two features with two hidden units: relu(x) - relu(-x) is x.
     signs = torch.tensor([1.0, -1.0])
     first = torch.zeros(len(FEATURES), 2)
-    for name in ("component_sum", "combines_pair"):
-        first[FEATURES.index(name)] = signs
+    first[FEATURES.index("component_sum")] = signs
+    first[FEATURES.index("combines_pair")] = signs
     ranker = Ranker(first, torch.zeros(2), signs.clone(), torch.zeros(()))
     return knowledge.with_link_tables(tables).with_ranker(ranker)
 
 
-class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
+class RecipesTraining(FitsTraining):
     """Trainer for recipe scorers.
 
     Attributes:
-        kind: the kind of run.
+        fits: name of the parts of the training.
+        every: the folds that each fit leaves out, in the order of the fits.
         without: books whose recipes are left out.
         own: the graph's entities in a joint graph, shape (E,); None unless ``kg`` is none.
         folds: folds of the training recipes.
@@ -279,14 +238,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         has_encoder_of_others: whether there is one of other books' recipes.
     """
 
-    kind: ClassVar[RunKind[Any]] = RunKind(
-        RecipesConfig.commands,
-        "recipes",
-        unit="part",
-        progress=FitDone,
-        saved_as=(_FIT, _ENCODER),
-    )
-    config_type = RecipesConfig
+    fits: ClassVar[str] = "fits"
 
     def __init__(self, config: RecipesConfig, opened: OpenedGraph):
         """Draw the cross-fitting folds, look up word vectors and open outside knowledge.
@@ -310,7 +262,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             check_table("outside knowledge (`with`)", opened.graph.num_entities)
         self.without = [open_graph(book).graph for book in settings.without]
         self.own: Tensor | None = None
-        with _threads(settings.threads):
+        with torch_threads(settings.threads), threadpool_limits(settings.threads):
             if settings.kg == "none":
                 joint = join_books(
                     *sources,
@@ -341,11 +293,12 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             # The largest vocabulary that its fit may have: that of all books.
             labels = graph.num_entities + sum(len(book.labels) for book in self.outside.books)
             fitting_workers(labels, num_other_recipes, dim, most=1, encoders=1)
-        encoders = 0
         # Also where no encoder uses it: a wrong name is noticed before the book grows.
         check_device(settings.device)
-        if self.has_encoder:
-            encoders = len(encoders_of(self.folds, self._every()))
+        num_folds = self.folds.count if settings.kg == "partial" else 0
+        self.every: list[LeftOut] = [(), *((fold,) for fold in range(num_folds))]
+        self.num_fits = len(self.every)
+        encoders = len(encoders_of(self.folds, self.every)) if self.has_encoder else 0
         self.workers = fitting_workers(graph.num_entities, num_recipes, dim, cores(), encoders)
 
     @classmethod
@@ -353,22 +306,10 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         cls, config: RecipesConfig, opened: OpenedGraph
     ) -> Training[Any, Any, Any]:
         if trains_sets(config.settings, opened.graph):
-            return SetsTraining(config, opened, cls.kind)
+            return SetsTraining(config, opened)
         return cls(config, opened)
 
-    def _every(self) -> list[LeftOut]:
-        """Return the folds that each fit leaves out, in the order of the fits."""
-        number = self.folds.count if self.config.settings.kg == "partial" else 0
-        return [(), *((fold,) for fold in range(number))]
-
-    def begin(  # noqa: D102 - inherited
-        self,
-        run: RunFolder[FitDone],
-        report: Progress | None,
-    ) -> Mapping[str, Any]:
-        return {"inputs": self._inputs()}
-
-    def _inputs(self) -> dict[str, str]:
+    def inputs(self) -> dict[str, str]:
         """Return the hashes of all inputs by name; two sources may have one name."""
         settings = self.config.settings
         inputs = {"features": self.features.sha256}
@@ -381,85 +322,28 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             inputs["train_sample"] = self.folds.train_sample.hash
         return inputs
 
-    def restored(self, run: RunFolder[FitDone]) -> None:
-        """Return None in place of a checkpoint: a resumed run skips all saved fits."""
-
-    def fit(  # noqa: D102 - inherited
-        self,
-        run: RunFolder[FitDone],
-        report: Progress | None,
-        log: Log,
-        checkpoint: Checkpoint[FitDone] | None,
+    def make(  # noqa: D102 - inherited
+        self, run: RunFolder[FitDone], report: Progress | None
     ) -> TrainedRecipes:
-        # A fit has no epochs, so `log` gets nothing. `checkpoint` is None: a resumed run reads the
-        # saved fits, and makes those that are missing.
-        settings = self.config.settings
-        if not run.is_live:
-            # Fits of one run must have the same inputs, or folds and main model would differ in
-            # more than the recipes that they leave out.
-            for name, sha256 in self._inputs().items():
-                if sha256 != run.record.inputs.get(name):
-                    raise ArtefactError(
-                        f"`{name}` has changed since '{run.path}' began. Restore the earlier "
-                        "files, or train again."
-                    )
-            run.resume(self.config)
         began = time.perf_counter()
-        fits = _saved(run.path, _FIT)
-        self._fit_all(run, report, fits)
-        with _threads(settings.threads):
-            return self._finish(run, fits, time.perf_counter() - began)
-
-    def _fit_all(
-        self,
-        run: RunFolder[FitDone],
-        report: Progress | None,
-        checkpoints: Checkpoints[FitDone],
-    ) -> None:
-        """Make and save all fits that are not saved yet."""
-        settings = self.config.settings
-        folds = self.folds
-        every = self._every()
-        # A resumed run makes only the fits that are missing.
-        saved = set(checkpoints.records())
-        missing = [left_out for fit, left_out in enumerate(every) if fit not in saved]
-        total = self._steps(every)
-        steps = 0
-
-        def after() -> None:
-            nonlocal steps
-            if run.interrupted.is_set():
-                raise KeyboardInterrupt
-            steps += 1
-            if report:
-                report(min(steps, total), total, {})
-
-        try:
-            with _threads(settings.threads):
-                words = Words.of(self.features)
-                encoders = self._encoders(run, words, missing, after)
-                for left_out, knowledge in self._fitted(words, missing, encoders, after):
-                    tensors = dict(knowledge.constants())
-                    if left_out:
-                        # The main model has the words for all folds.
-                        for name in RecipeScorer.shared:
-                            tensors.pop(name, None)
-                    trained_on = triples_hash(folds.triples(left_out))
-                    progress = FitDone(trained_on=trained_on)
-                    checkpoints.save(every.index(left_out), tensors, progress)
-        except KeyboardInterrupt:
-            raise self._interrupted(run, len(checkpoints.records()), len(every)) from None
+        fits = saved_parts(run, FIT)
+        saved = fits.records()
+        missing = [left_out for fit, left_out in enumerate(self.every) if fit not in saved]
+        num_lists = len(lists_of(self.folds, self.every, has_encoder=self.has_encoder))
+        encoders = encoders_of(self.folds, self.every) if self.has_encoder else []
+        total = num_lists + len(encoders) + self.has_encoder_of_others + self.num_fits
+        after = counter(run, report, total)
+        words = Words.of(self.features)
+        for left_out, knowledge in self._fitted(run, words, missing, after):
+            # The main model has the words for all folds.
+            skipped = RecipeScorer.shared if left_out else ()
+            constants = knowledge.constants().items()
+            tensors = {name: tensor for name, tensor in constants if name not in skipped}
+            progress = FitDone(trained_on=triples_hash(self.folds.triples(left_out)))
+            fits.save(self.every.index(left_out), tensors, progress)
         if report:
             report(total, total, {})
-
-    def _steps(self, every: Sequence[LeftOut]) -> int:
-        """Return the number of sets of lists, pair encoders and fits."""
-        sets: set[LeftOut] = set()
-        for left_out in every:
-            for turn in lesson_folds(self.folds, left_out, has_encoder=self.has_encoder):
-                sets.add(tuple(sorted({*left_out, turn})))
-        encoders = encoders_of(self.folds, every) if self.has_encoder else []
-        return len(sets) + len(encoders) + self.has_encoder_of_others + len(every)
+        return self._write(run, time.perf_counter() - began)
 
     def _encoders(
         self,
@@ -478,24 +362,24 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             missing_fits: folds to leave out, () for none.
             after: called after each encoder.
         """
-        left_outs: list[LeftOut] = []
-        numbers: dict[LeftOut, int] = {(): 0}
-        if self.has_encoder_of_others:
-            left_outs = [()]
-        elif self.has_encoder:
-            left_outs = encoders_of(self.folds, missing_fits)
-            every = encoders_of(self.folds, self._every())
-            numbers = {left_out: number for number, left_out in enumerate(every)}
-        checkpoints = _saved(run.path, _ENCODER)
+        every: list[LeftOut] = [()] if self.has_encoder_of_others else []
+        needed = every
+        if self.has_encoder:
+            every = encoders_of(self.folds, self.every)
+            needed = encoders_of(self.folds, missing_fits)
+        checkpoints = saved_parts(run, ENCODER)
         saved = checkpoints.records()
-        encoders = {
-            left_out: PairEncoder(**checkpoints.read(numbers[left_out]).tensors)
-            for left_out in left_outs
-            if numbers[left_out] in saved
-        }
-        missing = [left_out for left_out in left_outs if left_out not in encoders]
-        for left_out, encoder, recipes in self._new_encoders(run, words, missing):
-            checkpoints.save(numbers[left_out], encoder._asdict(), FitDone(trained_on=recipes))
+        encoders = {}
+        missing = []
+        for left_out in needed:
+            number = every.index(left_out)
+            if number in saved:
+                encoders[left_out] = PairEncoder(**checkpoints.read(number).tensors)
+            else:
+                missing.append(left_out)
+        for left_out, encoder in self._new_encoders(run, words, missing):
+            progress = FitDone(trained_on=triples_hash(self.folds.triples(left_out)))
+            checkpoints.save(every.index(left_out), encoder._asdict(), progress)
             encoders[left_out] = encoder
             after()
         return encoders[()] if self.has_encoder_of_others else encoders
@@ -505,14 +389,25 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         run: RunFolder[FitDone],
         words: Words,
         missing: Sequence[LeftOut],
-    ) -> Iterator[tuple[LeftOut, PairEncoder, str]]:
-        """Fit pair encoders; yield what each leaves out, the encoder, and its recipes' hash."""
+    ) -> Iterator[tuple[LeftOut, PairEncoder]]:
+        """Fit pair encoders; yield the folds that each leaves out, and the encoder."""
         settings = self.config.settings
         stop = run.interrupted.is_set
-        if missing and self.has_encoder_of_others:
-            books = self.outside.books
+        if self.has_encoder:
+            yield from fit_encoders(
+                self.folds,
+                torch.from_numpy(words.vectors).float(),
+                missing,
+                seed=settings.seed,
+                workers=self.workers,
+                device=settings.device,
+                stop=stop,
+            )
+            return
+        # At most one, of other books.
+        for left_out in missing:
             encoder = encoder_of_books(
-                books,
+                self.outside.books,
                 self.opened.graph.num_entities,
                 settings.features,
                 allow_missing=settings.allow_missing,
@@ -520,39 +415,26 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                 device=settings.device,
                 stop=stop,
             )
-            dim = self.features.vectors.shape[1]
+            dim = words.vectors.shape[1]
             if len(encoder.used_words) != dim:
                 # `auto` finds better words for the graph's labels than for those of all books.
                 encoder = encoder.without_words(dim)
-            recipes = np.concatenate([book.recipes for book in books])
-            yield (), encoder, triples_hash(recipes)
-            return
-        fitted = fit_encoders(
-            self.folds,
-            torch.from_numpy(words.vectors).float(),
-            missing,
-            seed=settings.seed,
-            workers=self.workers,
-            device=settings.device,
-            stop=stop,
-        )
-        for left_out, encoder in fitted:
-            yield left_out, encoder, triples_hash(self.folds.triples(left_out))
+            yield left_out, encoder
 
     def _fitted(
         self,
+        run: RunFolder[FitDone],
         words: Words,
         missing_fits: Sequence[LeftOut],
-        encoders: Mapping[LeftOut, PairEncoder] | PairEncoder,
         after: Callable[[], None],
     ) -> Iterator[tuple[LeftOut, RecipeKnowledge]]:
         """Yield the folds left out and the knowledge fitted without them, for each wanted fit.
 
         Args:
+            run: the run's folder, with the encoders of an interrupted run.
             words: word vectors of all entities.
             missing_fits: folds to leave out, () for none.
-            encoders: as for :func:`~wordcraft_kg.models.recipes.fitting.fit_recipe_scorers`.
-            after: called after each set of lists and each fit.
+            after: called after each encoder, each set of lists and each fit.
         """
         if not len(self.folds.recipes()):
             yield (), tables_alone(self.outside.tables, words)
@@ -563,7 +445,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             words,
             missing_fits,
             outside=self.outside.tables,
-            encoders=encoders,
+            encoders=self._encoders(run, words, missing_fits, after),
             seed=settings.seed,
             workers=self.workers,
             after=after,
@@ -572,35 +454,21 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             # A zero-shot scorer is fitted on a joint graph, and saved for the graph alone.
             yield left_out, knowledge if self.own is None else knowledge.of_entities(self.own)
 
-    def _interrupted(self, run: RunFolder[FitDone], saved: int, number: int) -> KeyboardInterrupt:
-        """Return the exception that ends a run: ``saved`` of ``number`` fits are saved."""
-        encoders = len(_saved(run.path, _ENCODER).records())
-        encoder_words = f", and {encoders} pair encoders" if encoders else ""
-        return KeyboardInterrupt(
-            f"interrupted; {saved} of {number} fits are saved in '{run.path}'{encoder_words}. "
-            "Repeat the command to make the rest."
-        )
-
-    def _finish(
-        self,
-        run: RunFolder[FitDone],
-        checkpoints: Checkpoints[FitDone],
-        seconds: float,
-    ) -> TrainedRecipes:
+    def _write(self, run: RunFolder[FitDone], seconds: float) -> TrainedRecipes:
         """Write the scorers from the saved fits, their metrics and the model card."""
         graph = self.opened.graph
         settings = self.config.settings
         folds = self.folds
-        tensors = checkpoints.read(0).tensors
+        fits = saved_parts(run, FIT)
+        tensors = fits.read(0).tensors
         write_scorer(run.path, RecipeScorer.kind, tensors, graph)
-        outputs: tuple[str, ...] = OUTPUTS
         record = None
         if settings.kg == "partial":
             # Tensors that are the same in all fits are saved with the main model alone.
             shared = {name: tensors[name] for name in RecipeScorer.shared}
 
             def part(fold: int) -> tuple[str, dict[str, Tensor]]:
-                fit = checkpoints.read(fold + 1)
+                fit = fits.read(fold + 1)
                 return fit.progress.trained_on, shared | fit.tensors
 
             main = RecipeScorer(tensors, graph.entities, graph.hash)
@@ -612,7 +480,6 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                 part,
                 workers=self.workers,
             )
-            outputs += FOLD_OUTPUTS
         # Scores of link prediction are measured only where there are models without each fold.
         metrics = RecipeMetrics(
             kg=settings.kg,
@@ -626,15 +493,8 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             fold_in_sample_mrr=record.in_sample_mrr if record else None,
             outside=self.outside.sources,
         )
-        write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
-        run.finish(outputs, _model_card(self.opened, metrics, settings.without))
-        return TrainedRecipes(run.path, metrics)
-
-    @classmethod
-    def outcome(cls, files: RunFiles) -> Any:  # noqa: D102 - inherited
-        if is_of_sets(files):
-            return SetsTraining.outcome(files)
-        return TrainedRecipes(files.folder, files.record("metrics.json", RecipeMetrics))
+        card = _model_card(self.opened, metrics, settings.without)
+        return self.finish(run, metrics, FOLD_OUTPUTS if record else (), card)
 
 
 def _model_card(opened: OpenedGraph, metrics: RecipeMetrics, without: Sequence[str]) -> str:
@@ -656,7 +516,6 @@ def _model_card(opened: OpenedGraph, metrics: RecipeMetrics, without: Sequence[s
         training_data = f"recipes that are not in {', '.join(without)}."
     if metrics.kg == "none":
         training_data = "outside knowledge only: this book's recipes are unseen."
-    points = ["", *(f"{name}: {text}" for name, text in fitting_facts(metrics).items())]
     # Any recipe serves as an example that runs.
     a, b, result = opened.graph.recipe_labels()[0]
     return scorer_card(
@@ -664,7 +523,7 @@ def _model_card(opened: OpenedGraph, metrics: RecipeMetrics, without: Sequence[s
         f"A recipe scorer of the {metrics.kg} knowledge graph of {opened.graph.name}",
         "Scores recipes, `score_recipes(a, b, result)`, and triples with the relations "
         f"`combinesWith` and `componentOf`. Fitted on {training_data}",
-        points,
+        metrics.facts(),
         "`config.toml` reproduces the training; `run.json` records all versions. For the quality "
         "on unseen triples, run\n`wordcraft-kg evaluate-links`.",
         [

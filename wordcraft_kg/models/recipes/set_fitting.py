@@ -4,12 +4,13 @@ import math
 from collections.abc import Callable, Sequence
 from hashlib import sha256
 from itertools import chain, compress
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
 
 from wordcraft_kg.base.errors import ArtefactError, GraphError
 from wordcraft_kg.graphs.arrays import Ids
@@ -33,35 +34,56 @@ _LIMIT = 6.0
 _NEVER = -1e9
 
 
-class FittedSets(NamedTuple):
-    """What a fit adds to the recipes.
+class FittedOrder(NamedTuple):
+    """Networks and probabilities that put the candidates of a goal in order.
 
     Attributes:
-        network: scores of ingredients for a goal.
-        committee: scores of sets from their features.
+        committee: scores of sets from their features; network m has not seen the goals of
+            fold m modulo the number of folds.
         mean: of each feature, shape (F,).
         deviation: of each feature, shape (F,).
-        calibration: temperature, and score of none of the candidates, shape (2,).
+        calibrations: temperature, and score of none of the candidates, shape (2,) each: without the
+            goals of each fold, and last of all goals.
         top: share of unseen train goals with a right set among the first 1, 3, 5 and 10.
-        folds: the same without each fold of the train goals, for cross-fitting.
     """
 
-    network: Networks
     committee: Networks
     mean: Tensor
     deviation: Tensor
-    calibration: Tensor
+    calibrations: tuple[Tensor, ...]
     top: tuple[float, ...]
-    folds: tuple["FittedSets", ...] = ()
 
-    def tensors(self) -> dict[str, Tensor]:
-        """Return all weights by the names in a model folder."""
+
+class FittedSets(NamedTuple):
+    """Fitted parts of a model of sets.
+
+    Attributes:
+        networks: scores of ingredients for a goal: without the recipes of each fold of the train
+            goals, and last by all recipes.
+        order: scores of sets from their features.
+    """
+
+    networks: tuple[Networks, ...]
+    order: FittedOrder
+
+    def tensors(self, fold: int | None = None) -> dict[str, Tensor]:
+        """Return all weights by the names in a model folder.
+
+        Args:
+            fold: for cross-fitting, return the weights that have not seen this fold of the train
+                goals; None for all.
+        """
+        order = self.order
+        number = -1 if fold is None else fold
+        committee = order.committee
+        if fold is not None:
+            committee = committee.every(len(self.networks) - 1, fold)
         return {
-            **self.network.tensors("network."),
-            **self.committee.tensors("committee."),
-            "mean": self.mean,
-            "deviation": self.deviation,
-            "calibration": self.calibration,
+            **self.networks[number].tensors("network."),
+            **committee.tensors("committee."),
+            "mean": order.mean,
+            "deviation": order.deviation,
+            "calibration": order.calibrations[number],
         }
 
 
@@ -83,8 +105,7 @@ def folds_of_recipes(recipes: Ids, folds: int, seed: int) -> Ids:
     """
     goals, goal_of_recipe = np.unique(recipes[:, -1], return_inverse=True)
     fold_of_goal = np.random.default_rng([seed, 1]).permutation(len(goals)) % folds
-    result: Ids = fold_of_goal[goal_of_recipe.ravel()]
-    return result
+    return np.asarray(fold_of_goal[goal_of_recipe.ravel()])
 
 
 def fit_sets(
@@ -140,24 +161,10 @@ def fit_sets(
         network = network_of(knowledge, fold, 1)
         networks.append(network)
         lessons.append(candidates_of(knowledge, network, held_out))
-    network = network_of(whole, folds, _MEMBERS)
+    networks.append(network_of(whole, folds, _MEMBERS))
     fold_of_lesson = np.repeat(np.arange(folds), list(map(len, lessons)))
     order = fit_order(list(chain(*lessons)), fold_of_lesson, seed)
-    # The networks of the committee that have not seen the fold's goals.
-    parts = tuple(
-        FittedSets(
-            networks[fold],
-            order.committee.every(folds, fold),
-            order.mean,
-            order.deviation,
-            order.calibrations[fold],
-            order.top,
-        )
-        for fold in range(folds)
-    )
-    return FittedSets(
-        network, order.committee, order.mean, order.deviation, order.calibration, order.top, parts
-    )
+    return FittedSets(tuple(networks), order)
 
 
 def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks:
@@ -177,14 +184,11 @@ def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks
     inputs = knowledge.inputs(goal_amounts, knowledge.words[knowledge.goal_ids])
     num_ingredients = len(knowledge.ingredient_ids)
     options = [np.flatnonzero(column) for column in lists.has_part.T]
-    width = max(map(len, options))
     # Padding is an ingredient behind the last, which is never allowed.
-    table = np.full((len(options), width), num_ingredients, dtype=np.int64)
-    for row, numbers in enumerate(options):
-        table[row, : len(numbers)] = numbers
+    table = _padded(options, num_ingredients).numpy()
     members_of_recipe = np.zeros((len(lists.recipe_goals), num_ingredients + 1), dtype=bool)
-    rows, columns = np.nonzero(lists.sets[lists.recipe_sets] >= 0)
-    members_of_recipe[rows, lists.sets[lists.recipe_sets][rows, columns]] = True
+    # The padding of sets, -1, is the last column, too.
+    np.put_along_axis(members_of_recipe, lists.sets[lists.recipe_sets], True, axis=1)
     is_allowed = np.zeros((len(goal_amounts), num_ingredients + 1), dtype=bool)
     is_allowed[:, :-1] = knowledge.allowed(goal_amounts)
     recipe, part = np.nonzero((goal_amounts[lists.recipe_goals] > 0) & knowledge.is_key)
@@ -205,10 +209,9 @@ def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks
     def loss_of(networks: Networks, rows: Tensor, drop: Callable[[Tensor], Tensor]) -> Tensor:
         num_lessons = counts[rows]
         place = torch.repeat_interleave(torch.arange(len(rows)), num_lessons)
-        ends = torch.cumsum(num_lessons, 0)
-        lesson = torch.arange(len(place)) + (first[rows] - (ends - num_lessons))[place]
-        scores = networks(inputs[goals[rows]], drop)
-        scores = torch.nn.functional.pad(scores, (0, 1))
+        starts_of_rows = torch.cumsum(num_lessons, 0) - num_lessons
+        lesson = torch.arange(len(place)) + (first[rows] - starts_of_rows)[place]
+        scores = torch.nn.functional.pad(networks(inputs[goals[rows]], drop), (0, 1))
         if not len(place):
             # The mean of no lesson is no number; such recipes teach nothing.
             return 0 * scores.sum()
@@ -248,27 +251,6 @@ def candidates_of(knowledge: SetKnowledge, network: Networks, recipes: Ids) -> l
     return results
 
 
-class FittedOrder(NamedTuple):
-    """What puts the candidates of a goal in order.
-
-    Attributes:
-        committee: scores of sets from their features; network m has not seen the goals of
-            fold m modulo the number of folds.
-        mean: of each feature, shape (F,).
-        deviation: of each feature, shape (F,).
-        calibration: temperature, and score of none of the candidates, shape (2,).
-        calibrations: the same without the goals of each fold.
-        top: share of unseen train goals with a right set among the first 1, 3, 5 and 10.
-    """
-
-    committee: Networks
-    mean: Tensor
-    deviation: Tensor
-    calibration: Tensor
-    calibrations: tuple[Tensor, ...]
-    top: tuple[float, ...]
-
-
 def fit_order(lessons: Sequence[Candidates], fold_of_lesson: Ids, seed: int) -> FittedOrder:
     """Fit the committee and the probabilities; each network leaves out a fold of the goals.
 
@@ -289,22 +271,19 @@ def fit_order(lessons: Sequence[Candidates], fold_of_lesson: Ids, seed: int) -> 
             "no train goal has a set of known ingredients to choose from, as if each recipe had "
             "ingredients of its own; expected recipes that share ingredients. Add recipes or parts."
         )
-    longest = max(len(lesson.sets) for lesson in lessons)
-    num_features = lessons[0].features.shape[1]
-    features = np.zeros((len(lessons), longest, num_features), dtype=np.float32)
-    is_set = np.zeros((len(lessons), longest), dtype=bool)
-    is_right = np.zeros_like(is_set)
-    for row, lesson in enumerate(lessons):
-        features[row, : len(lesson.sets)] = lesson.features
-        is_set[row, : len(lesson.sets)] = True
-        is_right[row, : len(lesson.sets)] = lesson.is_right
-    mean = torch.from_numpy(features[is_set].mean(0))
-    deviation = torch.from_numpy(features[is_set].std(0) + 1e-6)
-    scaled = ((torch.from_numpy(features) - mean) / deviation).clamp(-_LIMIT, _LIMIT)
-    never = torch.from_numpy(np.where(is_set, 0, _NEVER).astype(np.float32))
-    wrong = torch.from_numpy(np.where(is_right, 0, _NEVER).astype(np.float32))
+    every = np.concatenate([lesson.features for lesson in lessons])
+    mean = torch.from_numpy(every.mean(0))
+    deviation = torch.from_numpy(every.std(0) + 1e-6)
+    features = _padded([lesson.features for lesson in lessons])
+    is_right = _padded([lesson.is_right for lesson in lessons])
+    is_set = _padded([np.ones(len(lesson.sets), dtype=bool) for lesson in lessons])
+    longest, num_features = features.shape[1:]
+    scaled = ((features - mean) / deviation).clamp(-_LIMIT, _LIMIT)
+    # 0 for sets, and for right ones.
+    never = torch.zeros(is_set.shape).masked_fill(~is_set, _NEVER)
+    wrong = torch.zeros(is_set.shape).masked_fill(~is_right, _NEVER)
     generator = torch.Generator().manual_seed(seed * 1_000 + 999)
-    has_right = torch.from_numpy(is_right.any(1))
+    has_right = is_right.any(1)
     left_out = torch.from_numpy(fold_of_lesson[has_sets])
     num_for_fold = math.ceil(_COMMITTEE / num_folds)
     members = num_folds * num_for_fold
@@ -331,9 +310,8 @@ def fit_order(lessons: Sequence[Candidates], fold_of_lesson: Ids, seed: int) -> 
         # scores keep the order of the search, and a right set is as rare as the train goals say.
         level = Networks(*(torch.zeros_like(getattr(start, name)) for name in NAMES))
         none_score = math.log(longest * (num_goals + 1))
-        calibration = torch.tensor([1.0, none_score])
-        calibrations = (calibration,) * num_folds
-        return FittedOrder(level, mean, deviation, calibration, calibrations, (0.0,) * len(TOP))
+        level_calibrations = (torch.tensor([1.0, none_score]),) * (num_folds + 1)
+        return FittedOrder(level, mean, deviation, level_calibrations, (0.0,) * len(TOP))
     committee = fit(start, loss_of, len(useful), generator, epochs=_COMMITTEE_EPOCHS, rate=5e-3)
     with torch.no_grad():
         everything = torch.arange(len(lessons))
@@ -342,15 +320,21 @@ def fit_order(lessons: Sequence[Candidates], fold_of_lesson: Ids, seed: int) -> 
         by_fold = scores.reshape(num_for_fold, num_folds, *scores.shape[1:]).mean(0)
         unseen = by_fold[left_out, everything]
     order = torch.argsort(unseen, dim=1, descending=True, stable=True)
-    is_hit = torch.from_numpy(is_right).gather(1, order)
+    is_hit = is_right.gather(1, order)
     # Goals without candidates are misses.
     top = tuple(float(is_hit[:, :k].any(1).sum()) / num_goals for k in TOP)
-    without_fold = []
-    for fold in range(num_folds):
-        rows = torch.nonzero(left_out != fold)[:, 0]
-        without_fold.append(_calibrated(unseen[rows], wrong[rows], has_right[rows]))
-    calibration = _calibrated(unseen, wrong, has_right)
-    return FittedOrder(committee, mean, deviation, calibration, tuple(without_fold), top)
+    calibrations = []
+    # No goal is of the fold behind the last.
+    for fold in range(num_folds + 1):
+        rows = left_out != fold
+        calibrations.append(_calibrated(unseen[rows], wrong[rows], has_right[rows]))
+    return FittedOrder(committee, mean, deviation, tuple(calibrations), top)
+
+
+def _padded(rows: Sequence[NDArray[Any]], padding: int = 0) -> Tensor:
+    """Return arrays of different lengths as one tensor, with padding behind the shorter ones."""
+    tensors = [torch.from_numpy(row) for row in rows]
+    return pad_sequence(tensors, batch_first=True, padding_value=padding)
 
 
 def _calibrated(scores: Tensor, wrong: Tensor, has_right: Tensor) -> Tensor:

@@ -4,18 +4,17 @@ A book with larger sets than pairs trains such a model, and any book with the se
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import safetensors.torch
 import torch
-from threadpoolctl import threadpool_limits
 
 from wordcraft_kg.base import ConfigError, as_values, dump_json, nearest, write_atomically
-from wordcraft_kg.base.tensors import copied, torch_threads
+from wordcraft_kg.base.tensors import copied
 from wordcraft_kg.graphs import (
     MOST_INGREDIENTS,
     OUTSIDE,
@@ -24,11 +23,20 @@ from wordcraft_kg.graphs import (
     OpenedGraph,
     RecipeGraph,
 )
+from wordcraft_kg.models.knowledge.books import word_features
 from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.recipe_records import FitDone, SetMetrics, TrainedSets
+from wordcraft_kg.models.recipes.recipe_records import (
+    FIT,
+    FitDone,
+    FitsTraining,
+    SetMetrics,
+    TrainedRecipes,
+    counter,
+    saved_parts,
+)
 from wordcraft_kg.models.recipes.set_fitting import FittedSets, fit_sets, folds_of_recipes
 from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
-from wordcraft_kg.models.scorers.features import make_features, named
+from wordcraft_kg.models.scorers.features import named
 from wordcraft_kg.models.scorers.scorer_folder import (
     FOLDS_RECORD,
     FOLDS_TENSORS,
@@ -50,13 +58,9 @@ from wordcraft_kg.models.scorers.sets.parts import (
     read_parts,
 )
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer, stored_names
-from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
 from wordcraft_kg.runs.record import scorer_card
-from wordcraft_kg.runs.run_folder import Progress, RunFolder, RunKind
-from wordcraft_kg.runs.trackers import Log
-from wordcraft_kg.runs.training import Training
+from wordcraft_kg.runs.run_folder import Progress, RunFolder
 
-_OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json")
 _OF_PAIRS = ("train_fraction", "label_noise", "with_", "without", "encoder", "device")
 """Settings that models of sets do not have."""
 _FEWEST_GOALS = 10
@@ -83,10 +87,7 @@ def word_vectors(features: str, labels: Sequence[str], *, allow_missing: bool) -
         labels: labels of entities.
         allow_missing: whether labels may lack a vector.
     """
-    # Vectors of which no two are alike tell nothing.
-    if features == "one-hot":
-        return np.zeros((len(labels), 0), dtype=np.float32)
-    vectors = make_features(features, labels, allow_missing=allow_missing).unit_vectors
+    vectors = word_features(features, labels, allow_missing=allow_missing).unit_vectors
     return vectors.astype(np.float16).astype(np.float32)
 
 
@@ -136,33 +137,33 @@ def with_new_entities(
     return scorer.with_entities(labels, shares, words)
 
 
-class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
+class SetsTraining(FitsTraining):
     """Trainer for models of sets.
 
     Attributes:
+        fits: name of the parts of the training.
         features: name of the word vectors; one-hot for none.
         recipes: training recipes, shape (R, 9), (ingredients, padding -1, goal).
         parts: parts of all entities.
         words: unit vectors of all entities.
     """
 
-    config_type = RecipesConfig
+    fits: ClassVar[str] = "networks"
 
-    def __init__(self, config: RecipesConfig, opened: OpenedGraph, kind: RunKind[Any]):
+    def __init__(self, config: RecipesConfig, opened: OpenedGraph):
         """Read parts and words.
 
         Args:
             config: all settings.
             opened: the graph with its split.
-            kind: constants of runs of the command.
 
         Raises:
             ConfigError: if the settings do not fit the graph or models of sets.
         """
         super().__init__(config, opened)
-        self.kind = kind  # type: ignore[misc]
         settings = config.settings
         _check_settings(settings)
+        self.num_fits = settings.folds + 1
         self.source = settings.parts or NO_PARTS
         graph = opened.graph
         allow_missing = settings.allow_missing
@@ -196,55 +197,28 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
                 "and as many as `folds`. Use a larger book."
             )
 
-    def begin(  # noqa: D102 - inherited
-        self, run: RunFolder[FitDone], report: Progress | None
-    ) -> Mapping[str, Any]:
+    def inputs(self) -> dict[str, str]:  # noqa: D102 - inherited
         # The input `parts` also tells that a folder holds a model of sets.
         inputs = {"parts": self.parts.sha256}
         if self.folds is not None:
             inputs["folds"] = self.folds.hash
-        return {"inputs": inputs}
+        return inputs
 
-    def restored(self, run: RunFolder[FitDone]) -> None:
-        """Return None in place of a checkpoint: a resumed run reads the saved folds."""
-
-    def fit(  # noqa: D102 - inherited
-        self,
-        run: RunFolder[FitDone],
-        report: Progress | None,
-        log: Log,
-        checkpoint: Checkpoint[FitDone] | None,
-    ) -> TrainedSets:
+    def make(  # noqa: D102 - inherited
+        self, run: RunFolder[FitDone], report: Progress | None
+    ) -> TrainedRecipes:
         settings = self.config.settings
-        if not run.is_live:
-            run.resume(self.config)
         began = time.perf_counter()
-        # A resumed run fits only the networks that are not saved.
-        saved = Checkpoints(run.path, run.kind.saved_as[0], FitDone, kept=None)
-        total = settings.folds + 1
-        steps = len(saved.records())
-
-        def after() -> None:
-            nonlocal steps
-            steps += 1
-            if run.interrupted.is_set():
-                raise KeyboardInterrupt(
-                    f"interrupted; {steps} of {total} networks are saved in '{run.path}'. Repeat "
-                    "the command to fit the rest."
-                )
-            if report:
-                report(steps, total, {})
-
-        with torch_threads(settings.threads), threadpool_limits(settings.threads):
-            fitted = fit_sets(
-                self.recipes,
-                self.parts.amounts,
-                self.words,
-                seed=settings.seed,
-                folds=settings.folds,
-                saved=saved,
-                after=after,
-            )
+        saved = saved_parts(run, FIT)
+        fitted = fit_sets(
+            self.recipes,
+            self.parts.amounts,
+            self.words,
+            seed=settings.seed,
+            folds=settings.folds,
+            saved=saved,
+            after=counter(run, report, self.num_fits, len(saved.records())),
+        )
         tensors = {
             "recipes": torch.from_numpy(self.recipes),
             "amounts": torch.from_numpy(self.parts.amounts),
@@ -254,9 +228,9 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
         }
         write_scorer(run.path, SetScorer.kind, tensors, self.opened.graph)
         knowledge = SetKnowledge(self.recipes, self.parts.amounts, self.words)
-        outputs: tuple[str, ...] = _OUTPUTS
+        fold_files: tuple[str, ...] = ()
         if self.folds is not None:
-            outputs += (FOLDS_RECORD, FOLDS_TENSORS)
+            fold_files = (FOLDS_RECORD, FOLDS_TENSORS)
             self._write_folds(run.path, self.folds, fitted, knowledge.style_parts)
         metrics = SetMetrics(
             kg=settings.kg,
@@ -267,13 +241,11 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
             features=self.features,
             seconds=round(time.perf_counter() - began, 3),
             folds=settings.folds,
-            fold_top=fitted.top,
+            fold_top=fitted.order.top,
             lost=self._shares(knowledge.lost, ~knowledge.is_kept),
             shared=self._shares(knowledge.shared, knowledge.is_kept & ~knowledge.is_key),
         )
-        write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
-        run.finish(outputs, self._card(metrics))
-        return TrainedSets(run.path, metrics)
+        return self.finish(run, metrics, fold_files, self._card(metrics))
 
     def _write_folds(
         self, folder: Path, folds: Folds, fitted: FittedSets, style_parts: Flags
@@ -288,11 +260,11 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
         """
         tensors = {OF_RECIPE: torch.from_numpy(folds.of_recipe.copy())}
         fold_of_train = folds.of_recipe[folds.split.is_in("train")]
-        for number, without_fold in enumerate(fitted.folds):
+        for number in range(folds.count):
             own_tensors = {
                 "recipes": torch.from_numpy(self.recipes[fold_of_train != number]),
                 "style_parts": torch.from_numpy(style_parts),
-                **without_fold.tensors(),
+                **fitted.tensors(number),
             }
             tensors |= {f"fold{number}.{name}": value for name, value in own_tensors.items()}
         record = FoldsRecord.unranked(folds)
@@ -308,22 +280,18 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
         """Return the README of the model folder."""
         graph = self.opened.graph
         goal = graph.entities[int(self.recipes[0, -1])]
-        data = "all recipes, test recipes included: the scores show memory, not prediction."
-        if metrics.kg == "partial":
-            data = "the train recipes only."
+        data = "the train recipes only."
+        if metrics.kg == "full":
+            data = "all recipes, test recipes included: the scores show memory, not prediction."
         return scorer_card(
             self.opened,
             f"A scorer of recipes as sets of the {metrics.kg} knowledge graph of {graph.name}",
             "Ranks sets of one to eight ingredients for a goal, and scores any set, "
             f"with probabilities. Fitted on {data}",
-            ["", *(f"{name}: {text}" for name, text in metrics.facts().items())],
+            metrics.facts(),
             "`config.toml` reproduces the training; `run.json` records all versions.",
             [f"scorer.recipes({goal!r}, 5)  # sets of ids, with probabilities"],
         )
-
-    @classmethod
-    def outcome(cls, files: Any) -> TrainedSets:  # noqa: D102 - inherited
-        return TrainedSets(files.folder, files.record("metrics.json", SetMetrics))
 
 
 def rows_of_sets(graph: RecipeGraph, is_used: Any) -> Ids:
@@ -339,9 +307,8 @@ def rows_of_sets(graph: RecipeGraph, is_used: Any) -> Ids:
     sets = graph.sets[is_used]
     rows = np.full((len(sets), MOST_INGREDIENTS + 1), NO_INGREDIENT, dtype=np.int64)
     ingredients = sets[:, :-1]
-    rows[:, : ingredients.shape[1]] = np.where(
-        ingredients == graph.num_entities, NO_INGREDIENT, ingredients
-    )
+    is_padding = ingredients == graph.num_entities
+    rows[:, : ingredients.shape[1]] = np.where(is_padding, NO_INGREDIENT, ingredients)
     rows[:, -1] = sets[:, -1]
     return rows
 

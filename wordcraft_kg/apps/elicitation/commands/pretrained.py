@@ -1,5 +1,6 @@
 """``wordcraft-kg encode`` and ``wordcraft-kg elicit``."""
 
+from itertools import chain
 from pathlib import Path
 
 from wordcraft_kg.base import check_output, whole
@@ -48,9 +49,7 @@ def encode(
     check_output(folder, force=force)
     check_extra("text")
     # Each label once, in order: books share entities, and a vector belongs to a label.
-    every: dict[str, None] = {}
-    for source in graphs:
-        every |= dict.fromkeys(source.entities)
+    every = dict.fromkeys(chain.from_iterable(source.entities for source in graphs))
     for label in split_labels(labels or []):
         every[check_label(label, "`labels`")] = None
     names = list(every)
@@ -62,8 +61,7 @@ def encode(
     inputs = {f"graph {source.name}": source.hash for source in graphs[1:]}
     inputs = {"graph": graphs[0].hash, **inputs, **hashes}
     vectors_folder = write_vectors(folder, names, vectors, inputs=inputs, force=force)
-    dimensions = vectors.shape[1]
-    size = len(names)
+    size, dimensions = vectors.shape
     following = command_line("train-recipes", graph, "--features", vectors_folder)
     output.result(
         {"out": str(vectors_folder), "labels": size, "dimensions": dimensions, "weights": hashes},

@@ -106,10 +106,10 @@ def test_a_game_that_is_given_up_takes_no_attempt_more(games):
 
 def test_the_open_ended_world_is_played_by_pairs_and_counts_known_entities(opened_kitchen):
     games = DiscoveryGames(opened_kitchen, attempts=4)
-    base = len(games.env.discovery.base)
+    base = len(games.discovery.base)
     talk, other = Conversation(games.begin()), Conversation(games.begin())
     pair = next(
-        pair for pair in opened_kitchen.graph.outcomes if {*pair} <= {*games.env.discovery.base}
+        pair for pair in opened_kitchen.graph.outcomes if {*pair} <= {*games.discovery.base}
     )
     words = " with ".join(opened_kitchen.graph.labels(pair))
     assert " -> " in talk.hear(words)

@@ -47,15 +47,16 @@ def test_a_program_plays_game_after_game_in_one_process(games):
             assert (talk.game.is_made, talk.invalid_actions) == (True, 0)
 
 
-def test_a_line_has_all_that_a_program_needs(games, tmp_path):
+def test_a_line_has_all_that_a_program_needs(games, opened_kitchen, tmp_path):
     log, first = tmp_path / "log", games.begin(0)
     echo = (
         f"import sys\nfor line in sys.stdin: open({str(log)!r}, 'a').write(line); print('1 1', "
         "flush=True)"
     )
     text, labels = Conversation(first).opening, list(first.labels)
+    open_ended = DiscoveryGames(opened_kitchen, attempts=2)
     with LinePlayer(program(echo)) as player:
-        for game in (first, games.begin(1), DiscoveryGames("kitchen", attempts=2).begin()):
+        for game in (first, games.begin(1), open_ended.begin()):
             let_play(player, game, max_invalid=0)
     lines = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
     expected = {

@@ -10,7 +10,7 @@ from gymnasium.utils.env_checker import check_env
 from tests.apps.text_agents.scripted import plan_pairs
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.hosted_games import open_play
-from wordcraft_kg.apps.text_agents.settings import EvaluationSettings
+from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.apps.text_agents.text_env import LONGEST_ACTION, TextEnv
 from wordcraft_kg.apps.text_agents.trl import (
     CraftingEnvironment,
@@ -62,8 +62,8 @@ def test_all_rollouts_of_a_row_play_the_same_game():
 
 
 def test_a_game_is_replayed_to_the_byte_from_its_row_and_pairs():
-    settings = EvaluationSettings(part="all", distractors=2, depth=2, distractor_seeds=3)
-    games = Play.open("kitchen", settings)
+    settings = GameSettings(part="all", distractors=2, depth=2)
+    games = Play.open("kitchen", settings, distractor_seeds=3)
     for row in rows_of(depth=2, tables=3, tasks=4):
         environment = begun(row)
         play(environment, row, [("1", "2"), *plan_pairs(environment.talk.game)])

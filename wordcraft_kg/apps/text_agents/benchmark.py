@@ -17,9 +17,8 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.apps.text_agents.conversation import PartialGraphKnowledge, Play
-from wordcraft_kg.apps.text_agents.game_records import PlayedSettings
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
-from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, MAX_INVALID, LookUps
+from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.base import (
     ConfigError,
     Count,
@@ -31,7 +30,6 @@ from wordcraft_kg.base import (
     parse_record,
     read_small_file,
 )
-from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import (
@@ -220,25 +218,15 @@ class Track:
         """
         one_of("knowledge", look_ups, get_args(LookUps))
         frozen = self.frozen
-        fields: dict[str, Any] = {
-            "knowledge": look_ups,
-            "track": self.full_name,
-            "max_invalid": MAX_INVALID,
-            "look_ups": LOOK_UPS,
-        }
         games: TaskGames | DiscoveryGames
-        played_in: World | OpenEndedEnv
         if self.is_open_ended:
             games = DiscoveryGames(self.opened, attempts=frozen.attempts, orders=frozen.orders)
-            played_in = games.env
-            fields["distractor_seeds"] = len(self)
+            rules = {"distractor_seeds": len(self), **rules}
         else:
             # The frozen table replaces the drawn one, so the distractor seed has no meaning.
             games = TaskGames(self.world, lambda task, _: [*frozen.tasks[task].table])
-            played_in = games.world
-        settings = PlayedSettings.of(played_in, self.opened.split, **(fields | rules))
         knowledge = PartialGraphKnowledge(self.opened.split) if look_ups == "partial" else None
-        return Play(games, settings, knowledge)
+        return Play.of(games, knowledge, track=self.full_name, **rules)
 
 
 @cache

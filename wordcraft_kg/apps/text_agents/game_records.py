@@ -1,15 +1,11 @@
 """Records in the files of text agents: settings, games and results."""
 
-from typing import Any, Literal, Self
+from typing import Literal
 
 from wordcraft_kg.agents.agent_records import TerminationReason
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, MAX_INVALID, KnowledgeKind
-from wordcraft_kg.base.labels import ANSWER_GRAMMAR
 from wordcraft_kg.base.records import Count, Hash, Record
-from wordcraft_kg.envs.open_ended import OpenEndedEnv
-from wordcraft_kg.envs.words import prompt_hash
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import Split, TaskPart, TrainedOn
+from wordcraft_kg.graphs import TaskPart, TrainedOn
 
 GamesFormat = Literal["wordcraft-kg text games 2"]
 GAMES_FILE = "games.jsonl"
@@ -63,44 +59,6 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
     def is_open_ended(self) -> bool:
         """Whether the games are in the open-ended world."""
         return self.part is None
-
-    @classmethod
-    def of(cls, world: World | OpenEndedEnv, split: Split, **others: Any) -> Self:
-        """Return the settings of tasks or open-ended games.
-
-        Args:
-            world: the world of the tasks, or the open-ended environment.
-            split: the split of the graph, whose train recipes look-ups know.
-            others: further fields, such as ``look_ups``; they win over the fields made here.
-        """
-        fields: dict[str, Any] = {
-            "graph": world.graph.name,
-            "graph_hash": world.graph.hash,
-            "split_hash": split.hash,
-            "prompt_hash": prompt_hash(sets=isinstance(world, World) and world.has_combine),
-            "answer_grammar": ANSWER_GRAMMAR,
-        }
-        if isinstance(world, OpenEndedEnv):
-            fields |= {
-                "part": None,
-                "depth": None,
-                "distractors": None,
-                "attempts": world.max_attempts,
-                "base": world.graph.labels(world.discovery.base),
-            }
-        else:
-            config = world.config
-            fields |= {
-                "part": config.part,
-                "depth": config.depth,
-                "distractors": config.num_distractors,
-                "attempts": config.attempts,
-            }
-        # Without a source the number means nothing; equal games have equal settings.
-        if others.get("knowledge", "none") == "none":
-            others["look_ups"] = 0
-        # A server has other prompts, so another hash may be among the others.
-        return cls(**(fields | others))
 
 
 class GamesHeader(Record, frozen=True, kw_only=True):

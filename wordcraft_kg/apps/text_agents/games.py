@@ -7,11 +7,11 @@ from typing import Any
 
 from wordcraft_kg.base import ActionError, EpisodeError, counted, whole
 from wordcraft_kg.envs.draws import EvaluationTables
-from wordcraft_kg.envs.open_ended import OpenEndedEnv
+from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import PROMPTS, combined, numbered, prompt_text, results_of
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import Entity, GraphLike, RecipeGraph, TaskSet
+from wordcraft_kg.graphs import Entity, OpenedGraph, RecipeGraph, TaskSet
 
 Picks = tuple[str, ...]
 """Labels of the combined entities: two, or a set where recipes have other sizes."""
@@ -234,6 +234,8 @@ class TaskGames:
     Attributes:
         world: graph, tasks and settings.
         graph: the recipe graph.
+        split: the graph's split.
+        has_sets: whether recipes may have other sizes than two.
 
     Example:
         >>> world = World.open("kitchen", WordCraftConfig(part="test", num_distractors=2))
@@ -247,8 +249,21 @@ class TaskGames:
         """Take a world; ``table`` replaces the tables of agent evaluation (None)."""
         self.world = world
         self.graph = world.graph
+        self.split = world.split
+        self.has_sets = world.has_combine
         self._env = WordCraftEnv(world)
         self._table = table or EvaluationTables(world).table
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Fields of the played settings that describe the games."""
+        config = self.world.config
+        return {
+            "part": config.part,
+            "depth": config.depth,
+            "distractors": config.num_distractors,
+            "attempts": config.attempts,
+        }
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> TaskGame:
         """Begin a game on a task (index) with the distractors for this seed.
@@ -269,25 +284,27 @@ class DiscoveryGame(Game):
         repeated: number of attempts with a pair that had been tried before.
     """
 
-    def __init__(self, env: OpenEndedEnv, number: int | None = None):
-        """Begin a game; no other game may use ``env``."""
-        super().__init__(env.graph, "discover")
+    def __init__(
+        self, graph: RecipeGraph, discovery: Discovery, attempts: int, number: int | None = None
+    ):
+        """Begin a game; no other game may use ``discovery``."""
+        super().__init__(graph, "discover")
         self.number = number
-        self._env = env
-        env.reset()
+        self._discovery = discovery
+        self._attempts = attempts
         self.known_after: list[int] = []
         self.repeated = 0
 
     @property
     def attempts_left(self) -> int:
         """Attempts left, including the current attempt."""
-        return self._env.max_attempts - len(self.known_after)
+        return self._attempts - len(self.known_after)
 
     def _entities(self) -> list[int]:
-        return [*self._env.discovery.known]
+        return [*self._discovery.known]
 
     def _termination(self) -> str | None:
-        if self._env.discovery.is_complete:
+        if self._discovery.is_complete:
             return prompt_text("all_known")
         count = counted(len(self._entities()), "item")
         return None if self.attempts_left else prompt_text("no_attempt_left", known=count)
@@ -303,23 +320,14 @@ class DiscoveryGame(Game):
 
     def _combine(self, *places: int) -> str:
         pair = tuple(map(self._entities().__getitem__, places))
-        *_, info = self._env.step([*pair])
-        self.known_after.append(len(self._entities()))
-        self.repeated += info["repeated"]
-        new = self.graph.labels(info["new_entities"])
-        text = combined(self.graph.labels(pair), new, PROMPTS["nothing_new"])
-        if info["repeated"]:
-            text += prompt_text("tried")
-        return text
+        new_ids, is_repeated = self._discovery.combine(*pair)
+        self.repeated += is_repeated
+        self._lose()
+        new_labels = self.graph.labels(new_ids)
+        text = combined(self.graph.labels(pair), new_labels, PROMPTS["nothing_new"])
+        return text + prompt_text("tried") if is_repeated else text
 
     def _lose(self) -> None:
-        # An unknown entity is an illegal action, which wastes the attempt. There is one: a game
-        # in which all entities are known is over.
-        entities = self._env.discovery.known
-        unknown = next(
-            entity for entity in range(self.graph.num_entities) if entity not in entities
-        )
-        self._env.step([unknown, unknown])
         self.known_after.append(len(self._entities()))
 
 
@@ -327,35 +335,51 @@ class DiscoveryGames:
     """A factory for independent open-ended games; many games may go on at once.
 
     Attributes:
-        env: the environment from which each game begins.
         graph: the recipe graph.
+        split: the graph's split.
+        discovery: the state in which each game begins.
+        attempts: attempts in a game.
         orders: for each game of a track the base (ids) in order; empty outside of tracks.
     """
 
+    has_sets = False
+
     def __init__(
         self,
-        graph: GraphLike,
+        opened: OpenedGraph,
         *,
-        attempts: int = 100,
+        attempts: int,
         base: Iterable[Entity] | None = None,
         orders: Sequence[tuple[int, ...]] = (),
     ):
-        """Open the graph.
+        """Take a graph.
 
         Args:
-            graph: graph folder, recipe book, name of a built-in book, or an open graph.
+            opened: the graph and its split.
             attempts: attempts in a game.
             base: entities (ids or labels) that are known at the start; None for the graph's base.
             orders: for each game of a track the base (ids) in the order in which players see it.
 
         Raises:
-            ConfigError: for a value out of range, or a base from which nothing can be made.
-            RecipeFileError: if there is no such graph, or a book cannot be read.
-            ArtefactError: if a graph folder is damaged.
+            ConfigError: for a base from which nothing can be made.
+            GraphError: if a recipe has another number of ingredients than two.
         """
-        self.env = OpenEndedEnv(graph, max_attempts=attempts, base=base)
-        self.graph = self.env.graph
+        self.graph = opened.graph
+        self.split = opened.split
+        self.discovery = Discovery(opened.graph, base)
+        self.attempts = attempts
         self.orders = orders
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Fields of the played settings that describe the games."""
+        return {
+            "part": None,
+            "depth": None,
+            "distractors": None,
+            "attempts": self.attempts,
+            "base": self.graph.labels(self.discovery.base),
+        }
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> DiscoveryGame:
         """Begin a game; the task is ignored, and the seed is the number of the game in a track.
@@ -364,10 +388,10 @@ class DiscoveryGames:
             ConfigError: if the track has no such game.
         """
         # The discovery changes with every attempt, so each game has its own.
-        env = copy.copy(self.env)
-        env.discovery = copy.copy(self.env.discovery)
-        if not self.orders:
-            return DiscoveryGame(env)
-        number = whole("game", distractor_seed, 0, len(self.orders) - 1)
-        env.discovery.base = self.orders[number]
-        return DiscoveryGame(env, number)
+        discovery = copy.copy(self.discovery)
+        number = None
+        if self.orders:
+            number = whole("game", distractor_seed, 0, len(self.orders) - 1)
+            discovery.base = self.orders[number]
+        discovery.restart()
+        return DiscoveryGame(self.graph, discovery, self.attempts, number)

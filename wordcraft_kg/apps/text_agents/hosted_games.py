@@ -21,16 +21,14 @@ from typing import Any
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
 from wordcraft_kg.apps.text_agents.game_records import GameRecord, GamesHeader
-from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.results import (
     append_game,
     chosen_tasks,
     open_games,
     record_of,
 )
-from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, EvaluationSettings, LookUps
+from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, GameSettings, LookUps
 from wordcraft_kg.base import (
-    MAX_SIZE,
     ConfigError,
     EpisodeError,
     check_file,
@@ -42,8 +40,6 @@ from wordcraft_kg.envs.world_config import REWARDS
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.runs.run_folder import locked
 
-NEVER = MAX_SIZE
-"""Value of ``max_invalid`` without a limit: invalid tool calls never cost an attempt."""
 _MOST_GAMES = 1_000
 """Remembered games: ten per player for a hundred players."""
 
@@ -224,7 +220,7 @@ def open_play(
         ArtefactError: if a graph folder is damaged.
     """
     one_of("reward", reward, tuple(REWARDS))
-    settings = EvaluationSettings(
+    settings = GameSettings(
         part=part,
         depth=depth,
         distractors=distractors,
@@ -301,8 +297,7 @@ class GameList:
         for part, of_part in plays.items():
             games = self._games[part] = []
             for play in of_part:
-                assert isinstance(play.games, TaskGames)
-                for task in chosen_tasks(play.games.world, None, difficulty).tolist():
+                for task in chosen_tasks(play.world, None, difficulty).tolist():
                     game = NamedGame(play, task)
                     games.append(game)
                     self._by_task[game.of_task] = game

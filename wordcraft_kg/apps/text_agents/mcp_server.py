@@ -204,8 +204,6 @@ def _in_words(error: ValidationError | OSError | WordCraftKGError) -> str:
         details = error.errors(include_url=False, include_context=False, include_input=False)
         problems = (f"'{'.'.join(map(str, detail['loc']))}': {detail['msg']}" for detail in details)
         return prompt_text("invalid", reason="; ".join(problems) + ".")
-    if isinstance(error, ActionError):
-        return prompt_text("invalid", reason=str(error))
     if isinstance(error, OSError):
         return (
             f"The game is over, but its record could not be saved: {error.strerror or error}. Call "
@@ -228,8 +226,9 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
     last = len(games.world.tasks) - 1 if isinstance(games, TaskGames) else None
     has_scorer = settings.knowledge == "scorer"
     game = games.begin()
-    has_sets = game.most_picks > 0
-    return _server(game.rules, last, settings.look_ups, has_scorer, lambda: hosted, sets=has_sets)
+    return _server(
+        game.rules, last, settings.look_ups, has_scorer, lambda: hosted, sets=games.has_sets
+    )
 
 
 @lru_cache(2)
@@ -290,10 +289,9 @@ def _server(
     def combined(game: str, *items: str) -> CallToolResult:
         talk = hosted().game(game)
         labels_before = talk.game.labels
-        result = talk.attempt(*items)
+        reply = _accepted(talk, lambda: talk.combine(*items))
         new = [label for label in talk.game.labels if label not in labels_before]
-        text = f"{result}\n\n{talk.game.state}"
-        return _result(text, Combined.of(talk, result=result, new=new))
+        return _result(reply, Combined.of(talk, result=talk.outcome, new=new))
 
     if sets:
 
@@ -318,10 +316,11 @@ def _server(
         @server.tool(title="Look up an item", description=about_look_ups, annotations=_PLAYS)
         async def look_up(game: _GameName, item: _Label) -> Annotated[CallToolResult, Facts]:
             talk = hosted().game(game)
-            label, facts, reply = talk.consult(item)
+            _accepted(talk, lambda: talk.look_up_item(item))
+            label, facts = talk.facts
             look_ups_left = look_ups - talk.look_ups
             return _result(
-                reply, Facts(game=game, item=label, facts=facts, look_ups_left=look_ups_left)
+                talk.outcome, Facts(game=game, item=label, facts=facts, look_ups_left=look_ups_left)
             )
 
     @server.tool(title="End a game", description=_TOOLS["end"], annotations=_ENDS)
@@ -358,6 +357,21 @@ def _add_begin(server: MCPServer[Any], last: int | None, hosted: Callable[[], Ho
         task: Annotated[int, number], distractor_seed: Annotated[int, seed] = 0
     ) -> Annotated[CallToolResult, Begun]:
         return _begun(hosted().begin(task, distractor_seed))
+
+
+def _accepted(talk: Conversation, act: Callable[[], str]) -> str:
+    """Return the reply to a call.
+
+    Raises:
+        ActionError: if the call was invalid, with the prompt that says so.
+        EpisodeError: after the end of the game.
+    """
+    if talk.is_over:
+        raise EpisodeError(f"{talk.after_the_end} Start a new game.")
+    reply = act()
+    if talk.is_invalid:
+        raise ActionError(talk.outcome)
+    return reply
 
 
 def _begun(talk: Conversation) -> CallToolResult:

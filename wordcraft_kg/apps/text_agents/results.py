@@ -277,7 +277,7 @@ def play_all(
     if tasks is None:
         tasks = [0]
         if isinstance(play.games, TaskGames):
-            tasks = chosen_tasks(play.games.world, settings.tasks).tolist()
+            tasks = chosen_tasks(play.world, settings.tasks).tolist()
     # A dict as an ordered set: games are played seed by seed.
     missing = dict.fromkeys(
         (task, seed) for seed, task in product(range(settings.distractor_seeds), tasks)
@@ -380,14 +380,10 @@ def evaluate_program(
         with continuable(folder):
             for world in worlds:
                 tasks = sampled_tasks(world, limit)
-                play = Play(
+                play = Play.of(
                     TaskGames(world, _posed_tables(world, tasks)),
-                    PlayedSettings.of(
-                        world,
-                        world.split,
-                        distractor_seeds=tables,
-                        tasks=None if len(tasks) == len(world.tasks) else len(tasks),
-                    ),
+                    distractor_seeds=tables,
+                    tasks=None if len(tasks) == len(world.tasks) else len(tasks),
                 )
                 games = folder / f"distractors-{world.config.num_distractors}"
                 played = play_all(program, play, games, tasks.tolist())

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from cyclopts import Parameter
 
@@ -63,8 +63,6 @@ class GameSettings:
     knowledge: KnowledgeKind = "none"
     scorer: Path | None = None
     look_ups: int = LOOK_UPS
-    # Settings that an open-ended game does not have.
-    _of_tasks: ClassVar[tuple[str, ...]] = ("part", "depth", "distractors")
 
     def __post_init__(self) -> None:
         # Checked here, because Python code and Inspect make settings without the command line.
@@ -74,7 +72,7 @@ class GameSettings:
         if self.base is not None and not self.open_ended:
             raise ConfigError(f"`base` {','.join(self.base)}: a base needs `open_ended`.")
         if self.open_ended:
-            for name in self._of_tasks:
+            for name in ("part", "depth", "distractors"):
                 # The class has the default: another value was given by the user.
                 if getattr(self, name) != getattr(type(self), name):
                     raise ConfigError(f"`open_ended` has no tasks; omit `{name}`.")
@@ -102,27 +100,3 @@ class GameSettings:
             num_distractors=self.distractors,
             max_attempts=self.attempts,
         )
-
-
-@dataclass(frozen=True)
-class EvaluationSettings(GameSettings):
-    """Games on which a text agent is evaluated.
-
-    Attributes:
-        distractor_seeds: distractor seeds per task; number of games with --open-ended.
-        tasks: number of tasks, evenly spaced over the part. Default: all.
-        max_invalid: consecutive invalid actions without cost; the next invalid action costs the
-            attempt.
-    """
-
-    distractor_seeds: int = 1
-    tasks: int | None = None
-    max_invalid: int = MAX_INVALID
-    _of_tasks: ClassVar[tuple[str, ...]] = (*GameSettings._of_tasks, "tasks")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        whole("distractor_seeds", self.distractor_seeds, 1, MAX_SIZE)
-        if self.tasks is not None:
-            whole("tasks", self.tasks, 1, MAX_SIZE)
-        whole("max_invalid", self.max_invalid, 0, MAX_SIZE)

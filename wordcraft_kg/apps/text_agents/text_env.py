@@ -9,10 +9,10 @@ from typing import Any
 import gymnasium as gym
 from gymnasium import spaces
 
-from wordcraft_kg.apps.text_agents.conversation import Conversation, PartialGraphKnowledge
+from wordcraft_kg.apps.text_agents.conversation import Conversation, PartialGraphKnowledge, Play
 from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
-from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, MAX_INVALID, LookUps
+from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
 from wordcraft_kg.base import MAX_SIZE, ActionError, ConfigError, EpisodeError, one_of, whole
 from wordcraft_kg.envs.words import characters
 from wordcraft_kg.envs.world import World
@@ -94,11 +94,10 @@ class TextEnv(gym.Env[str, str]):
         self.render_mode = render_mode
         self.world = World.of(graph, settings)
         self.talk: Conversation | None = None
-        self._look_ups = whole("look_ups", look_ups, 0, MAX_SIZE)
-        self._games = TaskGames(self.world)
-        self._tasks = chosen_tasks(self.world, None, difficulty)
+        whole("look_ups", look_ups, 0, MAX_SIZE)
         facts = PartialGraphKnowledge(self.world.split) if knowledge == "partial" else None
-        self._knowledge = facts
+        self._play = Play.of(TaskGames(self.world), facts, look_ups=look_ups)
+        self._tasks = chosen_tasks(self.world, None, difficulty)
         charset = characters(self.world.graph).union(string.printable, _UNKNOWN)
         self.observation_space = spaces.Text(LONGEST_OBSERVATION, min_length=1, charset=charset)
         self.action_space = spaces.Text(LONGEST_ACTION, min_length=0, charset=charset)
@@ -128,11 +127,8 @@ class TextEnv(gym.Env[str, str]):
         # Both are always drawn, so that an option does not change the games that follow.
         task = int(self._tasks[self.np_random.integers(len(self._tasks))])
         distractor_seed = int(self.np_random.integers(MAX_SIZE))
-        game = self._games.begin(
+        self.talk = self._play.begin(
             choices.get("task", task), choices.get("distractor_seed", distractor_seed)
-        )
-        self.talk = Conversation(
-            game, self._knowledge, max_invalid=MAX_INVALID, look_ups=self._look_ups
         )
         return self._in_space(self.talk.opening), self._info()
 

@@ -23,7 +23,6 @@ from msgspec.structs import replace
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.game_records import GameRecord
-from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import NamedGame, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.results import chosen_tasks, record_of
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
@@ -249,8 +248,7 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
     for each_depth, number in product(depths, numbers):
         num_attempts = each_depth if attempts is None else attempts
         play = open_play(graph, part, each_depth, number, num_attempts, reward, knowledge, look_ups)
-        assert isinstance(play.games, TaskGames)
-        task_numbers = chosen_tasks(play.games.world, tasks, difficulty).tolist()
+        task_numbers = chosen_tasks(play.world, tasks, difficulty).tolist()
         for task, seed in product(task_numbers, range(tables)):
             # The game is begun for its goal and first message, and begun again from the row.
             game = NamedGame(play, task, seed)

@@ -84,7 +84,6 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
         write_chats,
     )
     from wordcraft_kg.apps.text_agents.difficulty import read_range
-    from wordcraft_kg.apps.text_agents.games import TaskGames
     from wordcraft_kg.apps.text_agents.hosted_games import open_play
     from wordcraft_kg.graphs.graph_folder import open_graph
 
@@ -93,9 +92,7 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     plays = []
     for task_depth, number in product(depths, numbers):
         plays.append(open_play(graph, "train", task_depth, number, attempts))
-    first = plays[0].games
-    assert isinstance(first, TaskGames)
-    title, played_by = named_player(player, source, first.world.tasks)
+    title, played_by = named_player(player, source, plays[0].world.tasks)
     settings = ChatSettings(style, keep, tables, tasks, mistakes, seed, read_range(difficulty))
     counts = ChatCounts()
     scorer = None if reasons is None else recipe_scorer(reasons, source)

@@ -70,9 +70,9 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
             )
     check_extra("mcp")
     from wordcraft_kg.apps.text_agents.benchmark import open_track
-    from wordcraft_kg.apps.text_agents.conversation import Play
+    from wordcraft_kg.apps.text_agents.conversation import NEVER, Play
     from wordcraft_kg.apps.text_agents.game_records import GamesHeader
-    from wordcraft_kg.apps.text_agents.hosted_games import NEVER, HostedGames, games_writer
+    from wordcraft_kg.apps.text_agents.hosted_games import HostedGames, games_writer
     from wordcraft_kg.apps.text_agents.mcp_server import (
         PATH,
         make_http_app,
@@ -92,7 +92,7 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
             play = open_track(track).play(settings.knowledge, **rules)
         else:
             play = Play.open(graph, settings, **rules)
-        play = play.with_prompts(tools_hash(sets=play.games.begin().most_picks > 0))
+        play = play.with_prompts(tools_hash(sets=play.games.has_sets))
         hosted = HostedGames(play)
         if out is not None:
             header = GamesHeader(player="MCP clients", settings=hosted.play.settings)

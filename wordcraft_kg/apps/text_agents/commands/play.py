@@ -87,11 +87,9 @@ class Terminal:
             if typed.casefold() in ("?", "help"):
                 self.say(help_text(talk))
                 continue
-            mistakes = talk.invalid_actions
             reply = talk.hear(typed)
             # A mistake changes nothing, and the list of items may be long.
-            is_mistake = talk.invalid_actions > mistakes
-            self.say(reply.removesuffix(f"\n\n{talk.game.state}") if is_mistake else reply)
+            self.say(talk.outcome if talk.is_invalid else reply)
 
     @contextmanager
     def until_quit(self, tally: Callable[[], str]) -> Iterator[None]:
@@ -224,10 +222,7 @@ def _play_tasks(
 ) -> None:
     import numpy as np
 
-    from wordcraft_kg.apps.text_agents.games import TaskGames
-
-    assert isinstance(games.games, TaskGames)
-    tasks = games.games.world.tasks
+    tasks = games.world.tasks
     rng = np.random.default_rng(seed)
     played = successes = 0
 
@@ -267,7 +262,7 @@ def _play_open_world(terminal: Terminal, games: "Play", output: Output) -> None:
     from wordcraft_kg.apps.text_agents.games import DiscoveryGame, DiscoveryGames
 
     assert isinstance(games.games, DiscoveryGames)
-    reachable = games.games.env.discovery.reachable
+    reachable = games.games.discovery.reachable
     talk = games.begin()
     game = talk.game
     assert isinstance(game, DiscoveryGame)

@@ -19,8 +19,8 @@ from wordcraft_kg.apps.text_agents.chats import (
     recipe_scorer,
     worded_rules,
 )
-from wordcraft_kg.apps.text_agents.hosted_games import GameList, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.openenv_server import CraftingSession
+from wordcraft_kg.apps.text_agents.plays import GameList, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.text_env import TextEnv
 from wordcraft_kg.apps.text_agents.trl import CraftingEnvironment, LookUpEnvironment, crafting_rows
 from wordcraft_kg.base.errors import ConfigError, LeakError

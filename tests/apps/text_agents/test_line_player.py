@@ -12,10 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from wordcraft_kg.apps.text_agents import line_player
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames
-from wordcraft_kg.apps.text_agents.line_player import MOST_CHARACTERS, LinePlayer, name_of
+from wordcraft_kg.apps.text_agents.text_players import MOST_CHARACTERS, LinePlayer, name_of
 from wordcraft_kg.base.errors import ConfigError, PlayerError
 
 ORACLE = """
@@ -152,26 +151,6 @@ def test_a_program_does_not_see_keys_of_the_environment(monkeypatch, tmp_path):
     assert seen["PATH"] == os.environ["PATH"]
     assert seen["HTTP_PROXY"] == "http://example.org:3128"
     assert seen["WORDCRAFT_KG_DATA"] == str(tmp_path)
-
-
-def test_stderr_of_a_program_is_shown_safely_up_to_a_limit(capfd, monkeypatch):
-    """Stderr of a program is shown without control characters up to a limit."""
-    monkeypatch.setattr(line_player, "_MOST_LOG", 2_000)
-    code = (
-        "import sys; print('\\x1b[31mre\\td\\x07', 'x' * 10**6, file=sys.stderr); input(); "
-        "print('1 1')"
-    )
-    with LinePlayer(program(code)) as player:
-        assert player.ask("{}") == "1 1"
-    shown = capfd.readouterr().err
-    assert shown.startswith("<U+001B>[31mre\td<U+0007> xxx")
-    assert (
-        len(shown) < 3_000,
-        shown.endswith("more than 2,000 bytes on stderr; the rest is not shown\n"),
-    ) == (
-        True,
-        True,
-    )
 
 
 def test_a_json_string_is_an_answer_of_several_lines(games):

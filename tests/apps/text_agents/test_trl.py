@@ -8,8 +8,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from tests.apps.text_agents.scripted import plan_pairs
-from wordcraft_kg.apps.text_agents.conversation import Play
-from wordcraft_kg.apps.text_agents.hosted_games import open_play
+from wordcraft_kg.apps.text_agents.plays import Play, open_play
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.apps.text_agents.text_env import LONGEST_ACTION, TextEnv
 from wordcraft_kg.apps.text_agents.trl import (

@@ -16,8 +16,9 @@ from typing import Any, Literal, get_args
 import msgspec
 import numpy as np
 
-from wordcraft_kg.apps.text_agents.conversation import PartialGraphKnowledge, Play
+from wordcraft_kg.apps.text_agents.conversation import PartialGraphKnowledge
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
+from wordcraft_kg.apps.text_agents.plays import Play
 from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.base import (
     ConfigError,
@@ -290,24 +291,17 @@ def task_set(graph: RecipeGraph, depth: int, tasks: Sequence[FrozenTask]) -> Tas
         depth: recipes in a plan; a plan needs at most ``depth + 1`` entities at the start.
         tasks: frozen tasks in order.
     """
-    recipes = graph.recipes.tolist()
-
-    def needed(plan: Rows) -> set[int]:
-        """Return the ingredients that the plan does not make itself."""
-        ingredients: set[int] = set()
-        results: set[int] = set()
-        for row in plan:
-            first, second, result = recipes[row]
-            ingredients |= {first, second}
-            results.add(result)
-        return ingredients - results
-
-    starts: list[list[int]] = []
+    starts = []
+    goals = []
     for task in tasks:
-        ingredients_by_plan = [needed(plan) for plan in task.plans]
-        starts.append(sorted(set[int]().union(*ingredients_by_plan)))
-    goals = np.array([recipes[task.plans[0][-1]][2] for task in tasks])
+        start: set[int] = set()
+        for plan in task.plans:
+            recipes = graph.recipes[list(plan)]
+            # What the plan does not make itself.
+            start |= {*recipes[:, :2].ravel().tolist()} - {*recipes[:, 2].tolist()}
+        starts.append(sorted(start))
+        goals.append(graph.recipes[task.plans[0][-1], 2])
     # Padding is `num_entities`, the id of an empty slot.
     table = padded(starts, graph.num_entities, depth + 1)
     plans = tuple(task.plans for task in tasks)
-    return TaskSet(graph, depth, "test", goals, table, plans, False, 0)
+    return TaskSet(graph, depth, "test", np.array(goals), table, plans, False, 0)

@@ -15,15 +15,14 @@ import numpy as np
 
 from wordcraft_kg.agents.discovery import Discoverer, RandomDiscoverer, make_discoverers
 from wordcraft_kg.apps.text_agents.benchmark import Track, open_track, read_manifest
-from wordcraft_kg.apps.text_agents.chat_server import KEY, ChatServer
 from wordcraft_kg.apps.text_agents.game_records import (
     GAMES_FILE,
     GameRecord,
-    PlayedSettings,
+    GamesHeader,
+    read_games,
 )
 from wordcraft_kg.apps.text_agents.games import Picks
-from wordcraft_kg.apps.text_agents.line_player import LinePlayer
-from wordcraft_kg.apps.text_agents.results import TextPlayer, play_all, read_games
+from wordcraft_kg.apps.text_agents.results import play_all
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
 from wordcraft_kg.apps.text_agents.submission import (
     LONGEST_NAME,
@@ -36,6 +35,7 @@ from wordcraft_kg.apps.text_agents.submission import (
     read_submission_file,
     replay,
 )
+from wordcraft_kg.apps.text_agents.text_players import KEY, ChatServer, LinePlayer, TextPlayer
 from wordcraft_kg.base import (
     ArtefactError,
     ConfigError,
@@ -256,7 +256,7 @@ def _with_model(
     name = Path(folder).name
     # A model of another book has seen none of these recipes, so its split does not matter.
     if model_graph.graph.hash == graph.hash:
-        _check_split(folder, model_graph.split.hash, track)
+        check_graph(folder, model_graph, track.opened)
     about: dict[str, Any] = {
         "training_data": _learned_from(model, track, model.kg),
         "weights": {WEIGHTS: model.run.outputs[WEIGHTS]},
@@ -354,8 +354,9 @@ def check_graph(folder: str, model_graph: OpenedGraph, opened: OpenedGraph) -> N
     expected = (opened.graph.hash, opened.split.hash)
     if hashes != expected:
         raise GraphMismatchError(
-            f"'{folder}' is of graph {hashes[0][:12]} and split {hashes[1][:12]}; expected "
-            f"{expected[0][:12]} and {expected[1][:12]}. Give the graph on which it was trained."
+            f"'{folder}' was trained on graph {hashes[0][:12]} and split {hashes[1][:12]}; "
+            f"expected {expected[0][:12]} and {expected[1][:12]}, a split of {opened.graph.name}. "
+            "Train on this graph and split, or choose another folder."
         )
 
 
@@ -391,7 +392,7 @@ def _agent(track: Track, argument: str, settings: RunSettings) -> Entrant:
     from wordcraft_kg.runs.record import check_done
 
     agent = open_agent(argument)
-    _check_split(argument, agent.opened.split.hash, track)
+    check_graph(argument, agent.opened, track.opened)
     check_done(Path(argument), agent.run)
     weights = {_POLICY: agent.run.outputs[_POLICY]}
     # Even an agent without a knowledge graph has met the train recipes: its tasks are made of them.
@@ -411,16 +412,6 @@ def _agent(track: Track, argument: str, settings: RunSettings) -> Entrant:
     if features not in ("learned", "one-hot", "random") and words not in knows:
         knows += words
     return Entrant(agent.name, decisions(track, PolicyPlayer(agent.policy)), knows, weights=weights)
-
-
-def _check_split(folder: str, split: str, track: Track) -> None:
-    if split != track.opened.split.hash:
-        raise GraphMismatchError(
-            f"'{folder}' was trained on split {split[:12]}; {track.name} has the "
-            f"{track.frozen.split} split "
-            f"{track.opened.split.hash[:12]} of {track.book}. Build this graph with build-graph, "
-            "and train on it."
-        )
 
 
 def _program(track: Track, argument: str, settings: RunSettings) -> Entrant:
@@ -450,28 +441,24 @@ def _played(track: Track, settings: RunSettings, player: TextPlayer, parallel: i
         parallel=parallel,
         is_replacing=settings.is_replacing,
     )
-    return _recorded(track, settings, player.name, play.settings, played)
+    header = GamesHeader(player=player.name, settings=play.settings)
+    return _recorded(track, settings, header, played)
 
 
 def _inspect(track: Track, argument: str, settings: RunSettings) -> Entrant:
     from wordcraft_kg.apps.text_agents.inspect_tasks import read_inspect_log  # loads Inspect AI
 
-    logged = read_inspect_log(argument)
-    entrant = _recorded(track, settings, logged.model, logged.settings, logged.games)
-    return replace(entrant, tokens=logged.tokens)
+    header, played, tokens = read_inspect_log(argument)
+    return replace(_recorded(track, settings, header, played), tokens=tokens)
 
 
 def _games(track: Track, argument: str, settings: RunSettings) -> Entrant:
     header, played, _ = read_games(Path(argument))
-    return _recorded(track, settings, header.player, header.settings, played)
+    return _recorded(track, settings, header, played)
 
 
 def _recorded(
-    track: Track,
-    run: RunSettings,
-    name: str,
-    settings: PlayedSettings,
-    played: Sequence[GameRecord],
+    track: Track, run: RunSettings, header: GamesHeader, played: Sequence[GameRecord]
 ) -> Entrant:
     """Return the decisions in recorded games, in the order of the track.
 
@@ -480,17 +467,17 @@ def _recorded(
     Args:
         track: the track that was played.
         run: the settings of this command.
-        name: the player's name.
-        settings: the recorded settings.
+        header: the player's name, and the recorded settings.
         played: the recorded games in any order, some perhaps several times.
 
     Raises:
         ConfigError: for games of another track, with other look-ups, or if a game is missing:
             a selection of games is no result for the track.
     """
+    settings = header.settings
     if settings.track != track.full_name:
         raise ConfigError(
-            f"the games of '{name}' are of {settings.track or 'no track'}; expected "
+            f"the games of '{header.player}' are of {settings.track or 'no track'}; expected "
             f"{track.full_name}. Play the track "
             f"with `inspect eval wordcraft_kg/crafting -T track={track.name}` or `mcp --track "
             f"{track.name}`."
@@ -499,17 +486,17 @@ def _recorded(
         raise ConfigError(
             f"`look_ups` {run.look_ups}: the games have {settings.knowledge}; give the same."
         )
-    numbers = [game.distractor_seed if track.is_open_ended else game.task for game in played]
-    # From the last to the first: the first game of a task stays, so that nobody plays again until
-    # the result is good.
-    first = {numbers[place]: place for place in reversed(range(len(played)))}
-    if missing := set(range(len(track))) - first.keys():
+    games: dict[int, GameRecord] = {}
+    for game in played:
+        # The first game of a task stays, so that nobody plays again until the result is good.
+        games.setdefault(game.distractor_seed if track.is_open_ended else game.task, game)
+    if missing := set(range(len(track))) - games.keys():
         raise ConfigError(
             f"{len(track) - len(missing)} of {len(track)} games of {track.name} were played; play "
             f"game {min(missing)}."
         )
-    records = [played[first[number]] for number in range(len(track))]
-    return Entrant(name, records, prompt_hash=settings.prompt_hash)
+    records = [games[number] for number in range(len(track))]
+    return Entrant(header.player, records, prompt_hash=settings.prompt_hash)
 
 
 KINDS: Registry[Kind] = Registry(

@@ -18,10 +18,9 @@ import numpy as np
 
 from wordcraft_kg.apps.text_agents.benchmark import read_manifest
 from wordcraft_kg.apps.text_agents.benchmark_players import check_graph, decided_pairs
-from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
+from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import Picks, TaskGame
-from wordcraft_kg.apps.text_agents.hosted_games import NamedGame
-from wordcraft_kg.apps.text_agents.results import chosen_tasks
+from wordcraft_kg.apps.text_agents.plays import NamedGame, Play, chosen_tasks
 from wordcraft_kg.base import (
     MAX_SIZE,
     ConfigError,

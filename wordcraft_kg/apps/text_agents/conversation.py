@@ -7,16 +7,12 @@ OpenEnv, TRL, Gymnasium or Inspect.
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar
 
-import msgspec
 import numpy as np
 
-from wordcraft_kg.apps.text_agents.game_records import PlayedSettings
-from wordcraft_kg.apps.text_agents.games import DiscoveryGames, Game, TaskGame, TaskGames
+from wordcraft_kg.apps.text_agents.games import Game, TaskGame
 from wordcraft_kg.apps.text_agents.settings import (
-    ATTEMPTS,
     LOOK_UPS,
     MAX_INVALID,
     GameSettings,
@@ -25,15 +21,13 @@ from wordcraft_kg.apps.text_agents.settings import (
 from wordcraft_kg.base import (
     MAX_SIZE,
     ActionError,
-    ConfigError,
     GraphMismatchError,
     LeakError,
     counted,
 )
 from wordcraft_kg.base.answers import answer_line, read_answer, read_set
-from wordcraft_kg.base.labels import ANSWER_GRAMMAR, read_label
-from wordcraft_kg.envs.words import combined, prompt_hash, prompt_text
-from wordcraft_kg.envs.world import World
+from wordcraft_kg.base.labels import read_label
+from wordcraft_kg.envs.words import combined, prompt_text
 from wordcraft_kg.graphs import (
     COMBINES_WITH,
     COMPONENT_OF,
@@ -42,7 +36,6 @@ from wordcraft_kg.graphs import (
     Split,
     TrainedOn,
     layers,
-    open_graph,
 )
 
 if TYPE_CHECKING:
@@ -509,124 +502,3 @@ def converse(talk: Conversation, answer: Callable[[str], str]) -> list[str]:
     while not talk.is_over:
         talk.hear(answer(talk.messages[-1]))
     return talk.messages
-
-
-@dataclass(frozen=True)
-class Play:
-    """Games with settings and facts to look up.
-
-    Attributes:
-        games: tasks or open-ended games.
-        settings: settings as recorded with each game.
-        knowledge: source of look-ups; None offers none.
-
-    Raises:
-        LeakError: if look-ups would leak train recipes on train tasks.
-    """
-
-    games: TaskGames | DiscoveryGames
-    settings: PlayedSettings
-    knowledge: Knowledge | None = None
-
-    def __post_init__(self) -> None:
-        if self.knowledge is not None:
-            # A leak shows with the first look-up: found here, it costs no game.
-            self.knowledge.facts(0, self.games.begin())
-
-    @classmethod
-    def of(
-        cls,
-        games: TaskGames | DiscoveryGames,
-        knowledge: Knowledge | None = None,
-        *,
-        look_ups: int = LOOK_UPS,
-        **rules: Any,
-    ) -> Self:
-        """Return games, with the settings that follow from them.
-
-        Args:
-            games: tasks or open-ended games.
-            knowledge: source of look-ups; None offers none.
-            look_ups: look-ups in a game.
-            rules: further fields of
-                :class:`~wordcraft_kg.apps.text_agents.game_records.PlayedSettings`; they win over
-                the fields made here.
-
-        Raises:
-            LeakError: if look-ups would leak train recipes on train tasks.
-        """
-        fields: dict[str, Any] = {
-            "graph": games.graph.name,
-            "graph_hash": games.graph.hash,
-            "split_hash": games.split.hash,
-            "prompt_hash": prompt_hash(sets=games.has_sets),
-            "answer_grammar": ANSWER_GRAMMAR,
-            # Without a source the number means nothing; equal games have equal settings.
-            "look_ups": 0,
-            **games.settings,
-        }
-        if knowledge is not None:
-            fields |= {
-                "knowledge": knowledge.kind,
-                "scorer": knowledge.scorer,
-                "kg": knowledge.kg,
-                "look_ups": look_ups,
-            }
-        return cls(games, PlayedSettings(**(fields | rules)), knowledge)
-
-    @classmethod
-    def open(
-        cls, graph: str, settings: GameSettings, *, reward: str = "sparse", **rules: Any
-    ) -> Self:
-        """Prepare the games on a graph.
-
-        Args:
-            graph: graph folder, recipe book file, or name of a built-in book.
-            settings: the games.
-            reward: reward preset of tasks, see :data:`~wordcraft_kg.envs.world_config.REWARDS`.
-            rules: as for :meth:`of`.
-
-        Raises:
-            ConfigError: for settings that do not fit the graph, or an unknown reward.
-            GraphMismatchError: if the scorer is of another graph or split.
-            LeakError: if a scorer would reveal its train recipes on train tasks.
-            TaskError: if the graph has no task for these settings.
-            RecipeFileError: if there is no such graph, or a book cannot be read.
-            ArtefactError: if the scorer's folder or a graph folder is unfinished or damaged.
-        """
-        opened = open_graph(graph)
-        knowledge = open_knowledge(settings, opened)
-        games: TaskGames | DiscoveryGames
-        if settings.open_ended:
-            attempts = settings.attempts or ATTEMPTS
-            games = DiscoveryGames(opened, attempts=attempts, base=settings.base)
-        else:
-            games = TaskGames(World(opened, replace(settings.environment, reward=reward)))
-        return cls.of(games, knowledge, look_ups=settings.look_ups, **rules)
-
-    @property
-    def world(self) -> World:
-        """The world of the tasks; raises ConfigError for open-ended games."""
-        if not isinstance(self.games, TaskGames):
-            raise ConfigError("open-ended games have no tasks; expected games on tasks.")
-        return self.games.world
-
-    def with_prompts(self, prompt_hash: str) -> "Play":
-        """Return the games as played by other prompts, such as a server's tools."""
-        return replace(
-            self, settings=msgspec.structs.replace(self.settings, prompt_hash=prompt_hash)
-        )
-
-    def begin(self, task: int = 0, distractor_seed: int = 0) -> Conversation:
-        """Begin a game on a task (index) with the distractors for this seed.
-
-        In the open-ended world the task is ignored, and the seed is the number of the game.
-
-        Raises:
-            ConfigError: if there is no such task or seed.
-        """
-        rules = self.settings
-        game = self.games.begin(task, distractor_seed)
-        return Conversation(
-            game, self.knowledge, max_invalid=rules.max_invalid, look_ups=rules.look_ups
-        )

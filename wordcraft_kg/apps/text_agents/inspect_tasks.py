@@ -4,9 +4,8 @@
 point; :func:`read_inspect_log` reads a log of either.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +13,15 @@ import numpy as np
 from msgspec.structs import replace
 
 from wordcraft_kg.apps.text_agents.benchmark import open_track
-from wordcraft_kg.apps.text_agents.conversation import Play
-from wordcraft_kg.apps.text_agents.game_records import GameRecord, PlayedSettings
-from wordcraft_kg.apps.text_agents.results import (
+from wordcraft_kg.apps.text_agents.game_records import (
     COUNTS,
-    chosen_tasks,
-    evaluation_of,
-    mean_known,
+    GameRecord,
+    GamesHeader,
+    PlayedSettings,
     record_of,
 )
+from wordcraft_kg.apps.text_agents.plays import Play, chosen_tasks
+from wordcraft_kg.apps.text_agents.results import evaluation_of, mean_known
 from wordcraft_kg.apps.text_agents.settings import (
     ATTEMPTS,
     MAX_INVALID,
@@ -439,24 +438,9 @@ class LoggedTask(Record, frozen=True, kw_only=True):
     games: Count
 
 
-@dataclass(frozen=True)
-class LoggedGames:
-    """Games in an Inspect log.
-
-    Attributes:
-        model: the model's name.
-        settings: settings of the games.
-        games: records of the games, without messages.
-        tokens: numbers of tokens by kind (input, output), over all models in the log.
-    """
-
-    model: str
-    settings: PlayedSettings
-    games: Sequence[GameRecord]
-    tokens: Mapping[str, int]
-
-
-def read_inspect_log(path: str | Path) -> LoggedGames:
+def read_inspect_log(
+    path: str | Path,
+) -> tuple[GamesHeader, list[GameRecord], dict[str, int]]:
     """Read a language model's games from an Inspect log of ``crafting`` or ``discovery``.
 
     Metrics follow from the games, as for any other player. A game that an Inspect limit ended
@@ -465,6 +449,10 @@ def read_inspect_log(path: str | Path) -> LoggedGames:
 
     Args:
         path: the log's file, ``.eval`` or ``.json``.
+
+    Returns:
+        The model's name with the settings of the games, their records without messages, and the
+        numbers of tokens by kind (input, output) over all models in the log.
 
     Raises:
         ArtefactError: for a missing or damaged file, the log of another Inspect task, or missing
@@ -479,15 +467,14 @@ def read_inspect_log(path: str | Path) -> LoggedGames:
             "wordcraft_kg/discovery."
         )
     task = as_record(about, LoggedTask, path)
-    settings = task.settings
-    scores = _scores(path, log, task.games)
-    games = [game_of_score(score, str(path)) for score in scores]
+    header = GamesHeader(player=log.eval.model, settings=task.settings)
+    games = [game_of_score(score, str(path)) for score in _scores(path, log, task.games)]
     usages = log.stats.model_usage.values()
     tokens = {
         "input": sum(usage.input_tokens for usage in usages),
         "output": sum(usage.output_tokens for usage in usages),
     }
-    return LoggedGames(log.eval.model, settings, games, tokens)
+    return header, games, tokens
 
 
 def _read(path: Path) -> EvalLog:

@@ -7,13 +7,17 @@ id for each game, which every other tool takes.
 import hashlib
 import json
 import logging
+import secrets
 import sys
+from collections import OrderedDict
 from collections.abc import AsyncIterator, Callable, Collection
+from dataclasses import replace
 from functools import lru_cache
 from io import TextIOWrapper
 from typing import Annotated, Any, Self
 
 import anyio
+import msgspec
 from mcp.server import MCPServer
 from mcp.server.mcpserver import Context
 from mcp.server.mcpserver.exceptions import ToolError
@@ -27,11 +31,13 @@ from starlette.types import ASGIApp
 from wordcraft_kg import __version__
 from wordcraft_kg.apps.text_agents.conversation import MOST_ITEMS, Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
-from wordcraft_kg.apps.text_agents.hosted_games import HostedGames
+from wordcraft_kg.apps.text_agents.plays import Play
 from wordcraft_kg.apps.web.guard import LONGEST_BODY, LOOPBACK, Guard
 from wordcraft_kg.base import MAX_SIZE, ActionError, EpisodeError, WordCraftKGError, counted
 from wordcraft_kg.envs.words import prompt_hash, prompt_text
 
+_MOST_GAMES = 1_000
+"""Remembered games: ten per player for a hundred players."""
 _LONGEST = 200
 """Most characters of a label or a game's id."""
 PATH = "/mcp"
@@ -66,6 +72,85 @@ _PLAYS = ToolAnnotations(
 _ENDS = ToolAnnotations(
     read_only_hint=False, destructive_hint=False, idempotent_hint=True, open_world_hint=False
 )
+
+
+class HostedGames:
+    """All games on a server, open to anyone with a game's id.
+
+    Attributes:
+        play: the games.
+        keep: called with each finished game; by default its messages are forgotten.
+    """
+
+    def __init__(self, play: Play, *, most: int = _MOST_GAMES):
+        """Prepare to host games; at most ``most`` games are remembered."""
+        # Tools are prompts as well.
+        prompts = tools_hash(sets=play.games.has_sets)
+        self.play = replace(
+            play, settings=msgspec.structs.replace(play.settings, prompt_hash=prompts)
+        )
+        self._most = most
+        self.keep: Callable[[Conversation], None] = lambda talk: talk.messages.clear()
+        self._begun: set[tuple[int, int]] = set()
+        self._hosted: OrderedDict[str, Conversation] = OrderedDict()
+
+    def begin(self, task: int = 0, distractor_seed: int = 0) -> Conversation:
+        """Begin a game, see :meth:`Play.begin`.
+
+        On a track each game can be begun once, and open-ended games come in turn. If there are too
+        many games, end and forget a game: finished games first, then the least recent.
+
+        Raises:
+            ConfigError: if there is no such task or seed.
+            EpisodeError: if the game was begun before on a track, or if the forgotten game cannot
+                be recorded.
+        """
+        settings = self.play.settings
+        if settings.track and settings.is_open_ended:
+            distractor_seed = len(self._begun)
+        key = (task, distractor_seed)
+        # Who begins a game again knows it, and could pick the better result.
+        if settings.track and (key in self._begun or distractor_seed >= settings.distractor_seeds):
+            raise EpisodeError(
+                f"Each game of {settings.track} is played once, and this game was begun before."
+            )
+        talk = self.play.begin(task, distractor_seed)
+        # The id is the only key to a game, so nobody may guess it: 72 random bits.
+        talk.name = secrets.token_urlsafe(9)
+        # Tools say by their schemas how to answer.
+        talk.messages = [f"{talk.game.rules}\n\n{talk.game.state}"]
+        talk.on_end = self.keep
+        self._begun.add(key)
+        if len(self._hosted) >= self._most:
+            # `min` takes the first of equals, the least recent one: `game` moves ids to the end.
+            oldest = min(self._hosted, key=lambda name: not self._hosted[name].is_over)
+            try:
+                self._hosted[oldest].end()
+            except OSError as error:
+                raise EpisodeError(
+                    f"The server has no room for a game ({error.strerror}). Try again later."
+                ) from None
+            del self._hosted[oldest]
+        self._hosted[talk.name] = talk
+        return talk
+
+    def game(self, name: str) -> Conversation:
+        """Return the game with the id ``name``.
+
+        Raises EpisodeError for an unknown or forgotten id.
+        """
+        if name not in self._hosted:
+            raise EpisodeError(
+                f"Unknown game id '{name[:40]}': expected an id returned by `begin`; the server "
+                "keeps the last "
+                f"{self._most:,} games. Start a new game."
+            )
+        self._hosted.move_to_end(name)
+        return self._hosted[name]
+
+
+_MOST_GAMES = 1_000
+"""Remembered games: ten per player for a hundred players."""
 
 
 # The descriptions of fields are in the tools' schemas, so language models read them too.

@@ -20,13 +20,14 @@ import numpy as np
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, Router, WebSocketRoute
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from wordcraft_kg import __version__
 from wordcraft_kg.apps.text_agents.conversation import Conversation
-from wordcraft_kg.apps.text_agents.hosted_games import GameList, GamesWriter, NamedGame
-from wordcraft_kg.apps.web.guard import LOOPBACK, Guard, foreign_host, is_of_another_site
+from wordcraft_kg.apps.text_agents.game_records import GamesWriter
+from wordcraft_kg.apps.text_agents.plays import GameList, NamedGame
+from wordcraft_kg.apps.web.guard import LOOPBACK, Guard
 from wordcraft_kg.base import (
     MAX_SIZE,
     ActionError,
@@ -36,8 +37,6 @@ from wordcraft_kg.base import (
     whole,
 )
 
-_FOREIGN = 1008
-"""Code with which a web socket of a foreign page is closed."""
 _LAST = 1.0
 """Seconds for the last message to a silent client."""
 _JSON = "application/json"
@@ -261,7 +260,10 @@ class _Sessions:
                 await socket.close()
         finally:
             self.active -= 1
-            _end(session)
+            try:
+                session.close()
+            except OSError as error:
+                logging.getLogger(__name__).error("a game's record was not saved: %s", error)
 
     async def _converse(self, socket: WebSocket, session: CraftingSession) -> None:
         while True:
@@ -273,13 +275,6 @@ class _Sessions:
                 await socket.close()
                 return
             await asyncio.wait_for(socket.send_text(answer), self.idle)
-
-
-def _end(session: CraftingSession) -> None:
-    try:
-        session.close()
-    except OSError as error:
-        logging.getLogger(__name__).error("a game's record was not saved: %s", error)
 
 
 def _answer(session: CraftingSession, message: str | bytes) -> str | None:
@@ -333,7 +328,6 @@ def make_openenv_app(
         more_hosts: further names by which clients may ask it, such as a proxy's.
     """
     open_sessions = _Sessions(lambda: CraftingSession(games, keep), sessions, idle)
-    hosts = {*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)}
     about = {"name": NAME, "description": "crafting games by text", "version": __version__}
     schemas = {"action": ACTION_SCHEMA, "observation": OBSERVATION_SCHEMA, "state": STATE_SCHEMA}
     facts: dict[str, Any] = {
@@ -351,23 +345,7 @@ def make_openenv_app(
     ]
     routes.append(Route("/openapi.json", _constant(_openapi(routes))))
     router = Router([*routes, WebSocketRoute("/ws", open_sessions.serve)])
-    guarded = Guard(
-        router, host, more_hosts, _page, methods=("GET", "HEAD", "POST"), media_type=_JSON
-    )
-
-    async def app(scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "websocket":
-            await guarded(scope, receive, send)
-            return
-        socket = WebSocket(scope, receive, send)
-        # A page of another site must not play here from its reader's browser.
-        if foreign_host(socket.headers, hosts) or is_of_another_site(socket.headers):
-            logging.getLogger(__name__).warning("refused a web socket of another site")
-            await socket.close(_FOREIGN)
-            return
-        await router(scope, receive, send)
-
-    return app
+    return Guard(router, host, more_hosts, _page, methods=("GET", "HEAD", "POST"), media_type=_JSON)
 
 
 def _page(status: int, message: str) -> str:

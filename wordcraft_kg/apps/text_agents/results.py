@@ -5,47 +5,39 @@ machine may stop at any time.
 """
 
 import logging
-import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
-from functools import cache
+from contextlib import contextmanager
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
-import msgspec
 import numpy as np
 
-from wordcraft_kg.agents.agent_records import TERMINATION_REASONS, TerminationReason
+from wordcraft_kg.agents.agent_records import TERMINATION_REASONS
 from wordcraft_kg.agents.discovery import LATER_MARKS, MARKS
-from wordcraft_kg.apps.text_agents.conversation import Conversation, Play, converse
+from wordcraft_kg.apps.text_agents.conversation import converse
 from wordcraft_kg.apps.text_agents.game_records import (
     GAMES_FILE,
     GameRecord,
     GamesHeader,
-    PlayedSettings,
+    append_game,
+    open_games,
+    read_games,
+    record_of,
 )
-from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TableOf, TaskGame, TaskGames
+from wordcraft_kg.apps.text_agents.games import TaskGames
+from wordcraft_kg.apps.text_agents.plays import Play, chosen_tasks
+from wordcraft_kg.apps.text_agents.text_players import LinePlayer, TextPlayer
 from wordcraft_kg.base import (
-    MAX_SIZE,
     ArtefactError,
-    ConfigError,
-    GraphMismatchError,
     PlayerError,
     WordCraftKGError,
-    as_lines,
     counted,
-    parse_lines,
-    parse_record,
-    read_large_file,
     steps,
-    whole,
 )
-from wordcraft_kg.base.wording import for_file
-from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.envs.draws import EVALUATION_SEED, sampled_tasks
+from wordcraft_kg.envs.draws import EvaluationTables, sampled_tasks
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import Ids
 from wordcraft_kg.runs.run_folder import locked_folder, sigterm_as_interrupt
@@ -53,94 +45,6 @@ from wordcraft_kg.runs.run_folder import locked_folder, sigterm_as_interrupt
 if TYPE_CHECKING:
     from wordcraft_kg.agents.evaluation import Evaluation
     from wordcraft_kg.evaluation.agents import ExternalPlayer
-
-COUNTS = ("invalid_actions", "lost_attempts", "look_ups")
-
-
-def chosen_tasks(
-    world: World, limit: int | None, difficulty: tuple[float, float] | None = None
-) -> Ids:
-    """Return the indices of the tasks to play, shape (T,), ascending.
-
-    Tasks are evenly spaced, because enumerated tasks are sorted by goal: the first ones would be of
-    few goals. Nothing is drawn, so all players get the same tasks.
-
-    Args:
-        world: the world.
-        limit: number of tasks; None for all.
-        difficulty: least and largest difficulty of the tasks, see
-            :func:`~wordcraft_kg.apps.text_agents.difficulty.tasks_within`; None for all.
-
-    Raises:
-        ConfigError: for a number below 1, or a range of difficulty in which no task was measured.
-    """
-    if limit is not None:
-        whole("tasks", limit, 1, MAX_SIZE)
-    tasks = np.arange(len(world.tasks))
-    if difficulty is not None:
-        # Imported here: it reads a file with pandas.
-        from wordcraft_kg.apps.text_agents.difficulty import tasks_within
-
-        tasks = tasks_within(world, difficulty)
-    number = len(tasks)
-    limit = number if limit is None else min(limit, number)
-    return tasks[np.arange(limit) * number // limit]
-
-
-def record_of(talk: Conversation, number: int = 0) -> GameRecord:
-    """Return the record of the finished game in a conversation.
-
-    Args:
-        talk: the conversation.
-        number: number of an open-ended game; a track's own number wins.
-    """
-    game = talk.game
-    counts = {name: getattr(talk, name) for name in COUNTS}
-    # A record is written whatever the player says: a game without one could be played again.
-    messages = tuple(map(for_file, talk.messages))
-    pairs = tuple(game.pairs)
-    if isinstance(game, DiscoveryGame):
-        return GameRecord(
-            distractor_seed=number if game.number is None else game.number,
-            known_after=tuple(game.known_after),
-            repeated=game.repeated,
-            messages=messages,
-            pairs=pairs,
-            **counts,
-        )
-    assert isinstance(game, TaskGame)
-    return GameRecord(
-        task=game.task,
-        distractor_seed=game.distractor_seed,
-        goal=game.goal,
-        table=game.start,
-        success=game.is_made,
-        by_plan=game.by_plan,
-        actions=game.actions,
-        termination=_termination_of(game),
-        messages=messages,
-        pairs=pairs,
-        **counts,
-    )
-
-
-def _termination_of(game: TaskGame) -> TerminationReason:
-    """Return how a finished game ended, in the terms of agent evaluation."""
-    if game.is_made:
-        return "goal"
-    # A lost attempt has no pair, so none that makes anything.
-    if game.last is None:
-        return "no_recipe"
-    # The ingredients of each plan's last step, which makes the goal.
-    parts: set[str] = set()
-    for plan in game.tasks[game.task].plans:
-        parts.update(plan[-1].ingredients)
-    if len(set(game.last)) == 1 < len(game.last):
-        return "same_twice"
-    if parts.intersection(game.last):
-        return "one_right_part"
-    picks = tuple(sorted(map(game.graph.id_of, game.last)))
-    return "no_right_part" if picks in game.world.outcomes else "no_recipe"
 
 
 def evaluation_of(played: Sequence[GameRecord], groups: Ids | None = None) -> "Evaluation":
@@ -194,35 +98,6 @@ def mean_known(curves: Sequence[Sequence[int]], attempts: int) -> dict[int, floa
         counts = [curve[: mark + 1][-1] for curve in curves]
         means[mark] = float(np.mean(counts))
     return means
-
-
-def read_games(path: Path) -> tuple[GamesHeader, Sequence[GameRecord], bytes]:
-    """Read a games file without changing it.
-
-    Returns:
-        The header, the games, and the bytes of an incomplete last line (empty if complete), which
-        is from a process that was killed.
-
-    Raises:
-        ArtefactError: if the file is missing, of another kind, or damaged.
-    """
-    lines, _, torn = read_large_file(path).rpartition(b"\n")
-    header_line, _, records = lines.partition(b"\n")
-    header = parse_record(header_line, GamesHeader, f"{path}, line 1,")
-    return header, parse_lines(records, GameRecord, f"{path} (after line 1)"), torn
-
-
-class TextPlayer(Protocol):
-    """A program or a model that plays by text, several games one after another or at a time.
-
-    Attributes:
-        name: the player's name in results.
-    """
-
-    name: str
-
-    def speaker(self, talk: Conversation) -> Callable[[str], str]:
-        """Begin a game: return a function from a prompt in this conversation to the answer."""
 
 
 def _in_turn(
@@ -370,8 +245,6 @@ def evaluate_program(
         ConfigError: if a folder has games of another player or other settings.
         ArtefactError: if a folder's games are damaged, or another process plays there.
     """
-    from wordcraft_kg.apps.text_agents.line_player import LinePlayer  # imports this module
-
     results = []
     with LinePlayer(player.name.partition(":")[2], timeout=player.timeout) as program:
         # A name may hold separators or `..`; the folder is always one below text-agents.
@@ -381,7 +254,7 @@ def evaluate_program(
             for world in worlds:
                 tasks = sampled_tasks(world, limit)
                 play = Play.of(
-                    TaskGames(world, _posed_tables(world, tasks)),
+                    TaskGames(world, EvaluationTables(world, limit).table),
                     distractor_seeds=tables,
                     tasks=None if len(tasks) == len(world.tasks) else len(tasks),
                 )
@@ -392,22 +265,6 @@ def evaluate_program(
     return program.name, results
 
 
-def _posed_tables(world: World, tasks: Ids) -> TableOf:
-    """Return the tables of an evaluation of these tasks, each in an environment of its own."""
-    engine = BatchEngine(world, len(tasks))
-    row_of_task = {task: row for row, task in enumerate(tasks.tolist())}
-
-    @cache
-    def tables(distractor_seed: int) -> list[list[int]]:
-        return engine.pose(tasks, distractor_seed, seed=EVALUATION_SEED).table.tolist()
-
-    def table(task: int, distractor_seed: int) -> list[int]:
-        slots = tables(distractor_seed)[row_of_task[task]]
-        return [entity for entity in slots if entity != world.nothing]
-
-    return table
-
-
 def _log_answers(name: str, played: Sequence[GameRecord]) -> None:
     invalid = sum(game.invalid_actions for game in played)
     lost = sum(game.lost_attempts for game in played)
@@ -415,86 +272,3 @@ def _log_answers(name: str, played: Sequence[GameRecord]) -> None:
         logging.getLogger(__name__).warning(
             "%s: %s, %s lost", name, counted(invalid, "invalid answer"), counted(lost, "attempt")
         )
-
-
-def open_games(path: Path, header: GamesHeader) -> list[GameRecord]:
-    """Create a games file with this header, or return the games in an existing file.
-
-    An incomplete last line is cut off. The file is unchanged on errors.
-
-    Args:
-        path: the file.
-        header: player and settings of the games.
-
-    Raises:
-        ArtefactError: if the file is of another kind or damaged.
-        GraphMismatchError: if its games are of another graph or split.
-        ConfigError: if its games are of another player or other settings.
-    """
-    line = as_lines([header])[0].encode()
-    if not path.exists():
-        path.touch()
-    with path.open("rb") as file:
-        start = file.read(len(line))
-    # A beginning of the header is an empty file, or one whose writer was killed meanwhile.
-    is_unfinished_header = line.startswith(start) and start != line
-    if not is_unfinished_header:
-        stored_header, played, torn = read_games(path)
-        # Without games, nothing is lost by new settings.
-        if played or stored_header == header:
-            _check_header(path, stored_header, header)
-            if torn:
-                text = "%s ended in a torn line, which was dropped; the game is played again"
-                logging.getLogger(__name__).warning(text, path)
-                os.truncate(path, path.stat().st_size - len(torn))
-            return [*played]
-    try:
-        _write(path, "wb", line)
-    except OSError:
-        # Such as a full disk: a file without a game is as good as none.
-        path.unlink()
-        raise
-    return []
-
-
-def append_game(path: Path, played: GameRecord) -> None:
-    """Append the record of a game; it is on disk when this returns.
-
-    Raises:
-        OSError: if it cannot be written, such as on a full disk; the file is unchanged.
-    """
-    size = path.stat().st_size
-    try:
-        _write(path, "ab", as_lines([played])[0].encode())
-    except OSError:
-        # A part of the line may be there, and the next record would be glued to it.
-        with suppress(OSError):
-            os.truncate(path, size)
-        raise
-
-
-def _write(path: Path, mode: str, line: bytes) -> None:
-    with path.open(mode) as file:
-        file.write(line)
-        file.flush()
-        # Survives a power failure, too.
-        os.fsync(file.fileno())
-
-
-def _check_header(path: Path, stored: GamesHeader, header: GamesHeader) -> None:
-    if stored.player != header.player:
-        raise ConfigError(
-            f"'{path}' holds games by '{stored.player}', and the player is '{header.player}'. "
-            "Choose another `out`."
-        )
-    # Graph and split come first: another graph may also differ in settings.
-    for field in msgspec.structs.fields(PlayedSettings):
-        before = getattr(stored.settings, field.name)
-        value = getattr(header.settings, field.name)
-        if before != value:
-            is_graph = field.name in ("graph", "graph_hash", "split_hash")
-            kind = GraphMismatchError if is_graph else ConfigError
-            raise kind(
-                f"'{path}' holds games with `{field.name}` {before}, and this command has {value}. "
-                "Choose another `out`, or use the same settings."
-            )

@@ -24,9 +24,9 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.apps.text_agents.benchmark import Track, open_track, read_manifest
-from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.game_records import GAMES_FILE, GameRecord
 from wordcraft_kg.apps.text_agents.games import Picks, TaskGame
+from wordcraft_kg.apps.text_agents.plays import Play
 from wordcraft_kg.apps.text_agents.results import mean_known
 from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.base import (

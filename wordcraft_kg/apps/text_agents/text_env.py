@@ -9,9 +9,9 @@ from typing import Any
 import gymnasium as gym
 from gymnasium import spaces
 
-from wordcraft_kg.apps.text_agents.conversation import Conversation, PartialGraphKnowledge, Play
+from wordcraft_kg.apps.text_agents.conversation import Conversation, PartialGraphKnowledge
 from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
-from wordcraft_kg.apps.text_agents.results import chosen_tasks
+from wordcraft_kg.apps.text_agents.plays import Play, chosen_tasks
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
 from wordcraft_kg.base import MAX_SIZE, ActionError, ConfigError, EpisodeError, one_of, whole
 from wordcraft_kg.envs.words import characters

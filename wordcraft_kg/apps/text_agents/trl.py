@@ -22,9 +22,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from msgspec.structs import replace
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation
-from wordcraft_kg.apps.text_agents.game_records import GameRecord
-from wordcraft_kg.apps.text_agents.hosted_games import NamedGame, open_play, tool_opening
-from wordcraft_kg.apps.text_agents.results import chosen_tasks, record_of
+from wordcraft_kg.apps.text_agents.game_records import GameRecord, record_of
+from wordcraft_kg.apps.text_agents.plays import NamedGame, chosen_tasks, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
 from wordcraft_kg.base import ConfigError, EpisodeError, whole
 from wordcraft_kg.base.extras import missing_extra
@@ -44,7 +43,7 @@ _SETTINGS = (
     "knowledge",
     "look_ups",
 )
-"""Columns with the arguments of :func:`~wordcraft_kg.apps.text_agents.hosted_games.open_play`."""
+"""Columns with the arguments of :func:`~wordcraft_kg.apps.text_agents.plays.open_play`."""
 COLUMNS = (*_SETTINGS, "split_hash", "task", "distractor_seed", "goal")
 """The columns of a row that name a game: the rest of a row is for the trainer.
 

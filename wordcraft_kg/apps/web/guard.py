@@ -8,10 +8,11 @@ from importlib.resources import files
 from urllib.parse import SplitResult, urlsplit
 
 from h11 import LocalProtocolError
-from starlette.datastructures import Headers
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocket
 
 from wordcraft_kg.base import WordCraftKGError, for_terminal
 from wordcraft_kg.reports.pages import make_environment
@@ -35,6 +36,8 @@ LONGEST_BODY = 65_536
 """Bytes of a request's body: more than any form."""
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 """Names of this machine, which are always permitted: no other machine can answer to them."""
+_FOREIGN = 1008
+"""Code with which a web socket of a foreign page is closed."""
 ErrorPage = Callable[[int, str], str]
 """Returns the HTML page of an error from its status and message."""
 
@@ -74,10 +77,17 @@ class Guard:
         self.hosts = {*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request."""
+        """Answer a request, or let a web socket pass."""
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
-        # No web sockets: no page needs them.
+        if scope["type"] == "websocket":
+            headers = Headers(scope=scope)
+            # A page of another site must not play here from its reader's browser.
+            if foreign_host(headers, self.hosts) or is_of_another_site(headers):
+                logging.getLogger(__name__).warning("refused a web socket of another site")
+                await WebSocket(scope, receive, send).close(_FOREIGN)
+            else:
+                await self.app(scope, receive, send)
         if scope["type"] != "http":
             return
         guarded = _Sender(send)
@@ -171,10 +181,7 @@ class _Sender:
         """Send a message; the first one of an answer carries the headers."""
         if message["type"] == "http.response.start":
             self.has_begun = True
-            security_headers = [
-                (name.lower().encode(), value.encode()) for name, value in HEADERS.items()
-            ]
-            message = {**message, "headers": [*message.get("headers", ()), *security_headers]}
+            MutableHeaders(scope=message).update(HEADERS)
         await self.send(message)
 
 

@@ -19,7 +19,8 @@ from wordcraft_kg.cli.options import Book, Force
 from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:
-    from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
+    from wordcraft_kg.apps.text_agents.conversation import Conversation
+    from wordcraft_kg.apps.text_agents.plays import Play
 
 GROUP = "Tasks and play"
 EXAMPLES = (
@@ -174,7 +175,7 @@ def play(  # noqa: PLR0913 - parameters are the command's options
         # Shown at the end and short enough to type, so that the same tasks can be played again.
         seed = secrets.randbelow(1_000_000)
     whole("seed", seed, 0)
-    from wordcraft_kg.apps.text_agents.conversation import Play
+    from wordcraft_kg.apps.text_agents.plays import Play
 
     # A person corrects a typing error as often as it takes.
     games = Play.open(graph, settings, max_invalid=MAX_SIZE)

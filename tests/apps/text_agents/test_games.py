@@ -15,10 +15,9 @@ from wordcraft_kg.apps.text_agents.conversation import (
     converse,
     hidden_pairs,
 )
-from wordcraft_kg.apps.text_agents.game_records import record_of
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
 from wordcraft_kg.apps.text_agents.plays import GameList, open_play
-from wordcraft_kg.apps.text_agents.results import evaluation_of, mean_known
+from wordcraft_kg.apps.text_agents.results import evaluation_of, mean_known, record_of
 from wordcraft_kg.apps.text_agents.settings import MAX_INVALID
 from wordcraft_kg.apps.text_agents.text_env import TextEnv
 from wordcraft_kg.apps.text_agents.trl import SetCraftingEnvironment, crafting_rows

@@ -26,12 +26,6 @@ from wordcraft_kg.apps.text_agents import conversation, mcp_server
 from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.commands.bench import bench_run
 from wordcraft_kg.apps.text_agents.conversation import NEVER
-from wordcraft_kg.apps.text_agents.game_records import (
-    GamesHeader,
-    games_writer,
-    read_games,
-    record_of,
-)
 from wordcraft_kg.apps.text_agents.mcp_server import (
     HostedGames,
     make_http_app,
@@ -39,7 +33,13 @@ from wordcraft_kg.apps.text_agents.mcp_server import (
     tools_hash,
 )
 from wordcraft_kg.apps.text_agents.plays import Play
-from wordcraft_kg.apps.text_agents.results import evaluation_of
+from wordcraft_kg.apps.text_agents.results import (
+    GamesHeader,
+    evaluation_of,
+    games_writer,
+    read_games,
+    record_of,
+)
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.apps.text_agents.submission import verify
 from wordcraft_kg.apps.web.serving import listen

@@ -22,9 +22,9 @@ from starlette.websockets import WebSocketDisconnect
 from tests.apps.text_agents.scripted import plan_pairs
 from wordcraft_kg import __version__
 from wordcraft_kg.apps.text_agents.benchmark import open_track, read_manifest
-from wordcraft_kg.apps.text_agents.game_records import GamesHeader, games_writer, read_games
 from wordcraft_kg.apps.text_agents.openenv_server import CraftingSession, make_openenv_app
 from wordcraft_kg.apps.text_agents.plays import GameList, open_play
+from wordcraft_kg.apps.text_agents.results import GamesHeader, games_writer, read_games
 from wordcraft_kg.apps.text_agents.submission import replay
 from wordcraft_kg.apps.text_agents.trl import CraftingEnvironment, crafting_rows
 

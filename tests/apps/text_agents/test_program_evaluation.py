@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from wordcraft_kg.apps.text_agents.game_records import GAMES_FILE, read_games
-from wordcraft_kg.apps.text_agents.results import evaluation_of
+from wordcraft_kg.apps.text_agents.results import GAMES_FILE, evaluation_of, read_games
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.runs.run_folder import locked

@@ -18,8 +18,8 @@ What lies where:
   clients), ``inspect_tasks`` (language models in Inspect AI, and their logs);
 * doors for training: ``trl`` (an environment and a data set), ``openenv_server``, ``text_env``
   (Gymnasium), ``chats`` (to fine-tune on);
-* results: ``game_records`` (``games.jsonl``: settings and games), ``results`` (play, resume, the
-  same metrics as agent evaluation);
+* results: ``results`` (``games.jsonl``: record, play, resume; the same metrics as agent
+  evaluation);
 * the benchmark: ``benchmark`` (tracks), ``benchmark_players`` (kinds of players), ``submission``
   (write and verify);
 * ``browser_game``: a recipe book as a page that plays alone;

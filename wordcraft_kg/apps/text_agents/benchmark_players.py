@@ -15,14 +15,14 @@ import numpy as np
 
 from wordcraft_kg.agents.discovery import Discoverer, RandomDiscoverer, make_discoverers
 from wordcraft_kg.apps.text_agents.benchmark import Track, open_track, read_manifest
-from wordcraft_kg.apps.text_agents.game_records import (
+from wordcraft_kg.apps.text_agents.games import Picks
+from wordcraft_kg.apps.text_agents.results import (
     GAMES_FILE,
     GameRecord,
     GamesHeader,
+    play_all,
     read_games,
 )
-from wordcraft_kg.apps.text_agents.games import Picks
-from wordcraft_kg.apps.text_agents.results import play_all
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
 from wordcraft_kg.apps.text_agents.submission import (
     LONGEST_NAME,

@@ -178,11 +178,6 @@ class TaskGame(Game):
         self._tried: set[tuple[str, ...]] = set()
 
     @property
-    def last(self) -> Picks | None:
-        """Labels of the last combined pair or set; None initially and after a lost attempt."""
-        return self.pairs[-1] if self.pairs else None
-
-    @property
     def attempts_left(self) -> int:
         """Attempts left, including the current attempt."""
         return self._env.state.attempts_left

@@ -13,20 +13,21 @@ import numpy as np
 from msgspec.structs import replace
 
 from wordcraft_kg.apps.text_agents.benchmark import open_track
-from wordcraft_kg.apps.text_agents.game_records import (
+from wordcraft_kg.apps.text_agents.plays import Play, chosen_tasks
+from wordcraft_kg.apps.text_agents.results import (
     COUNTS,
     GameRecord,
     GamesHeader,
-    PlayedSettings,
+    evaluation_of,
+    mean_known,
     record_of,
 )
-from wordcraft_kg.apps.text_agents.plays import Play, chosen_tasks
-from wordcraft_kg.apps.text_agents.results import evaluation_of, mean_known
 from wordcraft_kg.apps.text_agents.settings import (
     ATTEMPTS,
     MAX_INVALID,
     GameSettings,
     KnowledgeKind,
+    PlayedSettings,
 )
 from wordcraft_kg.base import (
     MAX_SIZE,

@@ -25,8 +25,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from wordcraft_kg import __version__
 from wordcraft_kg.apps.text_agents.conversation import Conversation
-from wordcraft_kg.apps.text_agents.game_records import GamesWriter
 from wordcraft_kg.apps.text_agents.plays import GameList, NamedGame
+from wordcraft_kg.apps.text_agents.results import GamesWriter
 from wordcraft_kg.apps.web.guard import LOOPBACK, Guard
 from wordcraft_kg.base import (
     MAX_SIZE,

@@ -23,11 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Knowledge, open_knowledge
-from wordcraft_kg.apps.text_agents.game_records import (
+from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
+from wordcraft_kg.apps.text_agents.settings import (
+    ATTEMPTS,
+    LOOK_UPS,
+    GameSettings,
+    LookUps,
     PlayedSettings,
 )
-from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
-from wordcraft_kg.apps.text_agents.settings import ATTEMPTS, LOOK_UPS, GameSettings, LookUps
 from wordcraft_kg.base import (
     MAX_SIZE,
     ConfigError,
@@ -186,7 +189,7 @@ class Play:
             knowledge: source of look-ups; None offers none.
             look_ups: look-ups in a game.
             rules: further fields of
-                :class:`~wordcraft_kg.apps.text_agents.game_records.PlayedSettings`; they win over
+                :class:`~wordcraft_kg.apps.text_agents.settings.PlayedSettings`; they win over
                 the fields made here.
 
         Raises:

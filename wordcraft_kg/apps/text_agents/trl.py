@@ -19,10 +19,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain, product, zip_longest
 from typing import TYPE_CHECKING, Any, Literal
 
-from msgspec.structs import replace
-
 from wordcraft_kg.apps.text_agents.conversation import Conversation
-from wordcraft_kg.apps.text_agents.game_records import GameRecord, record_of
 from wordcraft_kg.apps.text_agents.plays import NamedGame, chosen_tasks, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
 from wordcraft_kg.base import ConfigError, EpisodeError, whole
@@ -139,18 +136,6 @@ class CraftingEnvironment:
     def get_reward(self) -> float:
         """Return the reward so far: 1 for the goal, and the row's shaped rewards."""
         return self._begun.game.reward
-
-    @property
-    def record(self) -> GameRecord:
-        """The game as a record without messages, given up if it is not over.
-
-        Raises:
-            EpisodeError: before ``reset``.
-        """
-        talk = self._begun
-        # A trainer may stop a game at its limit of tokens; it then counts as given up.
-        talk.game.end()
-        return replace(record_of(talk), messages=())
 
     @property
     def _begun(self) -> Conversation:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -19,9 +19,6 @@ from wordcraft_kg.base import (
 )
 from wordcraft_kg.cli.console import Flag, Output, aligned
 from wordcraft_kg.cli.options import Force
-
-if TYPE_CHECKING:
-    pass
 
 GROUP = "Text agents"
 FILE_ONLY = {"bench run": ("--price",)}
@@ -125,8 +122,7 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
         enter,
         prompts_of,
     )
-    from wordcraft_kg.apps.text_agents.game_records import GAMES_FILE
-    from wordcraft_kg.apps.text_agents.results import continuable
+    from wordcraft_kg.apps.text_agents.results import GAMES_FILE, continuable
     from wordcraft_kg.apps.text_agents.submission import (
         MESSAGES,
         check_folder,

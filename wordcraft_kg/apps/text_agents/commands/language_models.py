@@ -205,7 +205,6 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
     check_extra("mcp")
     from wordcraft_kg.apps.text_agents.benchmark import open_track
     from wordcraft_kg.apps.text_agents.conversation import NEVER
-    from wordcraft_kg.apps.text_agents.game_records import GamesHeader, games_writer
     from wordcraft_kg.apps.text_agents.mcp_server import (
         PATH,
         HostedGames,
@@ -213,6 +212,7 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
         make_server,
     )
     from wordcraft_kg.apps.text_agents.plays import Play
+    from wordcraft_kg.apps.text_agents.results import GamesHeader, games_writer
     from wordcraft_kg.apps.web.serving import listen, serve
 
     with ExitStack() as stack:
@@ -335,9 +335,9 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
         )
     check_extra("openenv")
     from wordcraft_kg.apps.text_agents.benchmark import open_track
-    from wordcraft_kg.apps.text_agents.game_records import GamesHeader, games_writer
     from wordcraft_kg.apps.text_agents.openenv_server import make_openenv_app
     from wordcraft_kg.apps.text_agents.plays import GameList, open_play, read_range
+    from wordcraft_kg.apps.text_agents.results import GamesHeader, games_writer
     from wordcraft_kg.apps.web.serving import listen, most_web_sockets, serve
 
     # A quarter of the web sockets is for clients who are told that all sessions are taken.

@@ -63,7 +63,7 @@ def test_each_task_of_the_frozen_tracks_of_depth_1_is_measured(track):
 def test_a_range_chooses_the_same_tasks_for_every_interface():
     limits = (0.2, 0.8)
     play = open_play("everyday", "test", 1, 8, None)
-    world = play.games.world
+    world = play.world
     difficulty = 1 - measured_success(world).mean(axis=1)
     chosen = tasks_within(world, limits)
     assert {*chosen} == {

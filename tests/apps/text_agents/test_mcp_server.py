@@ -66,7 +66,7 @@ def hosted(**options):
     settings = GameSettings(
         **({"distractors": 3} if "open_ended" not in options else {}), **options
     )
-    return HostedGames(Play.open("kitchen", settings, max_invalid=NEVER, prompt_hash=tools_hash()))
+    return HostedGames(Play.open("kitchen", settings, max_invalid=NEVER))
 
 
 def connect(server, use, mode="auto"):
@@ -94,7 +94,7 @@ def play_by_tools(host, play, mode="auto"):
 @pytest.mark.parametrize("track", ["craft-1-lite", "discover-500-lite"])
 def test_the_games_of_a_benchmark_track_become_a_submission_that_verifies(tmp_path, track):
     opened = open_track(track)
-    host = HostedGames(opened.play(max_invalid=NEVER, prompt_hash=tools_hash()))
+    host = HostedGames(opened.play(max_invalid=NEVER))
     with games_writer(path := tmp_path / "games.jsonl", header_of(host)) as host.keep:
         for task in range(len(opened) - 1):
             begun = host.begin(0 if opened.is_open_ended else task)

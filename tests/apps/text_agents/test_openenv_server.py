@@ -95,7 +95,7 @@ def test_a_plan_by_each_kind_of_action_earns_the_reward():
                 assert begun["observation"]["task_id"] == game.name
                 assert "Choose two of the listed items" in begun["observation"]["text"]
                 rewards = []
-                for pair in plan_pairs(game.play.games.begin(game.task)):
+                for pair in plan_pairs(game.play.game(game.task)):
                     last = seen(ask("step", act(pair)))
                     rewards.append(last["reward"])
                 assert sum(rewards) == 1
@@ -117,7 +117,7 @@ def test_a_row_of_the_data_set_a_name_and_an_index_are_the_same_game():
 
 
 def len_of(games, place):
-    return len(games.plays["train"][place].games.world.tasks)
+    return len(games.plays["train"][place].world.tasks)
 
 
 def test_a_seed_draws_the_same_game_in_each_session():

@@ -5,8 +5,7 @@ Read ``conversation`` first: it turns a *game* into prompts, and answers into at
 goal: discover entities). None of the files for playing needs torch, unless look-ups come from a
 trained scorer::
 
-    game = TaskGames(World.open("kitchen", WordCraftConfig(part="test"))).begin(task=0)
-    talk = Conversation(game)
+    talk = TaskGames(World.open("kitchen", WordCraftConfig(part="test"))).begin(task=0)
     print(talk.opening)
     print(talk.hear("flour + water"))
 

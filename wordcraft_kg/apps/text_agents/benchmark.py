@@ -17,8 +17,7 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.apps.text_agents.conversation import PartialGraphKnowledge
-from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
-from wordcraft_kg.apps.text_agents.plays import Play
+from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, Play, TaskGames
 from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.base import (
     ConfigError,
@@ -219,15 +218,15 @@ class Track:
         """
         one_of("knowledge", look_ups, get_args(LookUps))
         frozen = self.frozen
-        games: TaskGames | DiscoveryGames
-        if self.is_open_ended:
-            games = DiscoveryGames(self.opened, attempts=frozen.attempts, orders=frozen.orders)
-            rules = {"distractor_seeds": len(self), **rules}
-        else:
-            # The frozen table replaces the drawn one, so the distractor seed has no meaning.
-            games = TaskGames(self.world, lambda task, _: [*frozen.tasks[task].table])
         knowledge = PartialGraphKnowledge(self.opened.split) if look_ups == "partial" else None
-        return Play.of(games, knowledge, track=self.full_name, **rules)
+        rules = {"track": self.full_name, **rules}
+        if self.is_open_ended:
+            rules |= {"attempts": frozen.attempts, "orders": frozen.orders}
+            return DiscoveryGames(self.opened, knowledge, distractor_seeds=len(self), **rules)
+        # The frozen table replaces the drawn one, so the distractor seed has no meaning.
+        return TaskGames(
+            self.world, knowledge, table=lambda task, _: [*frozen.tasks[task].table], **rules
+        )
 
 
 @cache

@@ -306,8 +306,7 @@ class Conversation:
 
     Example:
         >>> world = World.open("kitchen", WordCraftConfig(part="test", num_distractors=2))
-        >>> games = TaskGames(world)
-        >>> talk = Conversation(games.begin(task=0))
+        >>> talk = TaskGames(world).begin(task=0)
         >>> talk.opening.splitlines()[-1]
         'Attempts left: 1'
         >>> talk.hear("1 + unicorn").splitlines()[0][:15], talk.game.attempts_left

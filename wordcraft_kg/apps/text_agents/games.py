@@ -1,22 +1,17 @@
 """Games by entity labels: a crafting task with a fixed table, or an open-ended game."""
 
-import copy
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
-from wordcraft_kg.base import ActionError, EpisodeError, counted, whole
-from wordcraft_kg.envs.draws import EvaluationTables
+from wordcraft_kg.base import ActionError, EpisodeError, counted
 from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import PROMPTS, combined, numbered, prompt_text, results_of
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import Entity, OpenedGraph, RecipeGraph, TaskSet
+from wordcraft_kg.graphs import RecipeGraph, TaskSet
 
 Picks = tuple[str, ...]
 """Labels of the combined entities: two, or a set where recipes have other sizes."""
-TableOf = Callable[[int, int], list[int]]
-"""From a task (index) and a distractor seed to the ids on the starting table, in slot order."""
 
 
 class Game(ABC):
@@ -150,14 +145,14 @@ class TaskGame(Game):
     goal: str
     tasks: TaskSet
 
-    def __init__(self, env: WordCraftEnv, table: TableOf, task: int, distractor_seed: int):
+    def __init__(self, env: WordCraftEnv, task: int, distractor_seed: int, table: Iterable[int]):
         """Begin a game.
 
         Args:
             env: the environment; no other game may use it.
-            table: function that gives the starting table.
             task: index of the task.
             distractor_seed: seed of the distractors.
+            table: ids on the starting table, in slot order.
 
         Raises:
             ConfigError: if there is no such task.
@@ -170,7 +165,7 @@ class TaskGame(Game):
         self.task = task
         self.distractor_seed = distractor_seed
         self._env = env
-        env.reset(options={"task": task, "table": table(task, distractor_seed)})
+        env.reset(options={"task": task, "table": table})
         self.goal = self.graph.entities[env.state.goal]
         self.start = self.labels
         self.attempts = env.world.config.attempts
@@ -221,53 +216,6 @@ class TaskGame(Game):
         self.reward += float(reward)
         self.actions += 1
         return info
-
-
-class TaskGames:
-    """A factory for independent games on all tasks in a world; many games may go on at once.
-
-    Attributes:
-        world: graph, tasks and settings.
-        graph: the recipe graph.
-        split: the graph's split.
-        has_sets: whether recipes may have other sizes than two.
-
-    Example:
-        >>> world = World.open("kitchen", WordCraftConfig(part="test", num_distractors=2))
-        >>> games = TaskGames(world)
-        >>> game = games.begin(task=0)
-        >>> len(game.labels), game.goal == games.world.tasks[0].goal
-        (4, True)
-    """
-
-    def __init__(self, world: World, table: TableOf | None = None):
-        """Take a world; ``table`` replaces the tables of agent evaluation (None)."""
-        self.world = world
-        self.graph = world.graph
-        self.split = world.split
-        self.has_sets = world.has_combine
-        self._env = WordCraftEnv(world)
-        self._table = table or EvaluationTables(world).table
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """Fields of the played settings that describe the games."""
-        config = self.world.config
-        return {
-            "part": config.part,
-            "depth": config.depth,
-            "distractors": config.num_distractors,
-            "attempts": config.attempts,
-        }
-
-    def begin(self, task: int = 0, distractor_seed: int = 0) -> TaskGame:
-        """Begin a game on a task (index) with the distractors for this seed.
-
-        Raises:
-            ConfigError: if there is no such task or seed.
-        """
-        # A shallow copy shares the world, which never changes; `reset` makes the state anew.
-        return TaskGame(copy.copy(self._env), self._table, task, distractor_seed)
 
 
 class DiscoveryGame(Game):
@@ -324,69 +272,3 @@ class DiscoveryGame(Game):
 
     def _lose(self) -> None:
         self.known_after.append(len(self._entities()))
-
-
-class DiscoveryGames:
-    """A factory for independent open-ended games; many games may go on at once.
-
-    Attributes:
-        graph: the recipe graph.
-        split: the graph's split.
-        discovery: the state in which each game begins.
-        attempts: attempts in a game.
-        orders: for each game of a track the base (ids) in order; empty outside of tracks.
-    """
-
-    has_sets = False
-
-    def __init__(
-        self,
-        opened: OpenedGraph,
-        *,
-        attempts: int,
-        base: Iterable[Entity] | None = None,
-        orders: Sequence[tuple[int, ...]] = (),
-    ):
-        """Take a graph.
-
-        Args:
-            opened: the graph and its split.
-            attempts: attempts in a game.
-            base: entities (ids or labels) that are known at the start; None for the graph's base.
-            orders: for each game of a track the base (ids) in the order in which players see it.
-
-        Raises:
-            ConfigError: for a base from which nothing can be made.
-            GraphError: if a recipe has another number of ingredients than two.
-        """
-        self.graph = opened.graph
-        self.split = opened.split
-        self.discovery = Discovery(opened.graph, base)
-        self.attempts = attempts
-        self.orders = orders
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """Fields of the played settings that describe the games."""
-        return {
-            "part": None,
-            "depth": None,
-            "distractors": None,
-            "attempts": self.attempts,
-            "base": self.graph.labels(self.discovery.base),
-        }
-
-    def begin(self, task: int = 0, distractor_seed: int = 0) -> DiscoveryGame:
-        """Begin a game; the task is ignored, and the seed is the number of the game in a track.
-
-        Raises:
-            ConfigError: if the track has no such game.
-        """
-        # The discovery changes with every attempt, so each game has its own.
-        discovery = copy.copy(self.discovery)
-        number = None
-        if self.orders:
-            number = whole("game", distractor_seed, 0, len(self.orders) - 1)
-            discovery.base = self.orders[number]
-        discovery.restart()
-        return DiscoveryGame(self.graph, discovery, self.attempts, number)

@@ -4,6 +4,7 @@ Connections have no memory in the present protocol: each call stands alone. So `
 id for each game, which every other tool takes.
 """
 
+import copy
 import hashlib
 import json
 import logging
@@ -11,7 +12,6 @@ import secrets
 import sys
 from collections import OrderedDict
 from collections.abc import AsyncIterator, Callable, Collection
-from dataclasses import replace
 from functools import lru_cache
 from io import TextIOWrapper
 from typing import Annotated, Any, Self
@@ -30,7 +30,7 @@ from starlette.types import ASGIApp
 
 from wordcraft_kg import __version__
 from wordcraft_kg.apps.text_agents.conversation import MOST_ITEMS, Conversation
-from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
+from wordcraft_kg.apps.text_agents.games import TaskGame
 from wordcraft_kg.apps.text_agents.plays import Play
 from wordcraft_kg.apps.web.guard import LONGEST_BODY, LOOPBACK, Guard
 from wordcraft_kg.base import MAX_SIZE, ActionError, EpisodeError, WordCraftKGError, counted
@@ -84,10 +84,10 @@ class HostedGames:
 
     def __init__(self, play: Play, *, most: int = _MOST_GAMES):
         """Prepare to host games; at most ``most`` games are remembered."""
+        self.play = copy.copy(play)
         # Tools are prompts as well.
-        prompts = tools_hash(sets=play.games.has_sets)
-        self.play = replace(
-            play, settings=msgspec.structs.replace(play.settings, prompt_hash=prompts)
+        self.play.settings = msgspec.structs.replace(
+            play.settings, prompt_hash=tools_hash(sets=play.has_sets)
         )
         self._most = most
         self.keep: Callable[[Conversation], None] = lambda talk: talk.messages.clear()
@@ -306,14 +306,12 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
 
     The server fits any transport (stdio, HTTP), and can be asked within this process.
     """
-    games = hosted.play.games
-    settings = hosted.play.settings
-    last = len(games.world.tasks) - 1 if isinstance(games, TaskGames) else None
+    play = hosted.play
+    settings = play.settings
+    last = None if settings.is_open_ended else len(play.world.tasks) - 1
     has_scorer = settings.knowledge == "scorer"
-    game = games.begin()
-    return _server(
-        game.rules, last, settings.look_ups, has_scorer, lambda: hosted, sets=games.has_sets
-    )
+    rules = play.game().rules
+    return _server(rules, last, settings.look_ups, has_scorer, lambda: hosted, sets=play.has_sets)
 
 
 @lru_cache(2)

@@ -10,20 +10,22 @@ distractors, on which it was solved by nearest words, by a learner after a short
 planner. ``data/make_difficulty.py`` measures and writes it.
 """
 
+import copy
 import csv
 import gzip
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Knowledge, open_knowledge
-from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
+from wordcraft_kg.apps.text_agents.games import DiscoveryGame, Game, TaskGame
 from wordcraft_kg.apps.text_agents.settings import (
     ATTEMPTS,
     LOOK_UPS,
@@ -40,11 +42,13 @@ from wordcraft_kg.base import (
     whole,
 )
 from wordcraft_kg.base.labels import ANSWER_GRAMMAR
+from wordcraft_kg.envs.draws import EvaluationTables
+from wordcraft_kg.envs.open_ended import Discovery
+from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import REWARDS
-from wordcraft_kg.graphs import Ids, open_graph
-from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.graphs import Entity, Ids, OpenedGraph, TaskPart, open_graph
 
 DIFFICULTY_FILE = Path(__file__).parent / "difficulty.csv.gz"
 DIFFICULTY_COLUMNS = ("split", "goal", "start", "words", "learner", "planner")
@@ -151,80 +155,66 @@ def _measured() -> dict[tuple[str, ...], list[int]]:
     return {tuple(row[:3]): list(map(int, row[3:])) for row in rows}
 
 
-@dataclass(frozen=True)
-class Play:
-    """Games with settings and facts to look up.
+TableOf = Callable[[int, int], list[int]]
+"""From a task (index) and a distractor seed to the ids on the starting table, in slot order."""
+
+
+class Play(ABC):
+    """Base class for games with settings and facts to look up; many games may go on at once.
 
     Attributes:
-        games: tasks or open-ended games.
         settings: settings as recorded with each game.
         knowledge: source of look-ups; None offers none.
-
-    Raises:
-        LeakError: if look-ups would leak train recipes on train tasks.
+        has_sets: whether recipes may have other sizes than two.
     """
 
-    games: TaskGames | DiscoveryGames
-    settings: PlayedSettings
-    knowledge: Knowledge | None = None
+    has_sets = False
+    _world: World | None = None
 
-    def __post_init__(self) -> None:
-        if self.knowledge is not None:
-            # A leak shows with the first look-up: found here, it costs no game.
-            self.knowledge.facts(0, self.games.begin())
-
-    @classmethod
-    def of(
-        cls,
-        games: TaskGames | DiscoveryGames,
-        knowledge: Knowledge | None = None,
-        *,
-        look_ups: int = LOOK_UPS,
-        **rules: Any,
-    ) -> Self:
-        """Return games, with the settings that follow from them.
+    def __init__(
+        self, opened: OpenedGraph, knowledge: Knowledge | None, look_ups: int, **fields: Any
+    ):
+        """Describe the games.
 
         Args:
-            games: tasks or open-ended games.
+            opened: graph and split.
             knowledge: source of look-ups; None offers none.
             look_ups: look-ups in a game.
-            rules: further fields of
-                :class:`~wordcraft_kg.apps.text_agents.settings.PlayedSettings`; they win over
-                the fields made here.
+            fields: further fields of
+                :class:`~wordcraft_kg.apps.text_agents.settings.PlayedSettings`.
 
         Raises:
             LeakError: if look-ups would leak train recipes on train tasks.
         """
-        fields: dict[str, Any] = {
-            "graph": games.graph.name,
-            "graph_hash": games.graph.hash,
-            "split_hash": games.split.hash,
-            "prompt_hash": prompt_hash(sets=games.has_sets),
-            "answer_grammar": ANSWER_GRAMMAR,
-            # Without a source the number means nothing; equal games have equal settings.
-            "look_ups": 0,
-            **games.settings,
-        }
+        self.knowledge = knowledge
+        # Without a source the number means nothing; equal games have equal settings.
+        offer: dict[str, Any] = {"look_ups": 0}
         if knowledge is not None:
-            fields |= {
-                "knowledge": knowledge.kind,
-                "scorer": knowledge.scorer,
-                "kg": knowledge.kg,
-                "look_ups": look_ups,
-            }
-        return cls(games, PlayedSettings(**(fields | rules)), knowledge)
+            offer = {"knowledge": knowledge.kind, "look_ups": look_ups}
+            offer |= {"scorer": knowledge.scorer, "kg": knowledge.kg}
+        self.settings = PlayedSettings(
+            graph=opened.graph.name,
+            graph_hash=opened.graph.hash,
+            split_hash=opened.split.hash,
+            prompt_hash=prompt_hash(sets=self.has_sets),
+            answer_grammar=ANSWER_GRAMMAR,
+            **(offer | fields),
+        )
+        if knowledge is not None:
+            # A leak shows with the first look-up: found here, it costs no game.
+            knowledge.facts(0, self.game())
 
     @classmethod
     def open(
         cls, graph: str, settings: GameSettings, *, reward: str = "sparse", **rules: Any
-    ) -> Self:
+    ) -> "Play":
         """Prepare the games on a graph.
 
         Args:
             graph: graph folder, recipe book file, or name of a built-in book.
             settings: the games.
             reward: reward preset of tasks, see :data:`~wordcraft_kg.envs.world_config.REWARDS`.
-            rules: as for :meth:`of`.
+            rules: further fields of the played settings.
 
         Raises:
             ConfigError: for settings that do not fit the graph, or an unknown reward.
@@ -235,23 +225,21 @@ class Play:
             ArtefactError: if the scorer's folder or a graph folder is unfinished or damaged.
         """
         opened = open_graph(graph)
-        knowledge = open_knowledge(settings, opened)
-        games: TaskGames | DiscoveryGames
+        rules |= {"knowledge": open_knowledge(settings, opened), "look_ups": settings.look_ups}
         if settings.open_ended:
             attempts = settings.attempts or ATTEMPTS
-            games = DiscoveryGames(opened, attempts=attempts, base=settings.base)
-        else:
-            games = TaskGames(World(opened, replace(settings.environment, reward=reward)))
-        return cls.of(games, knowledge, look_ups=settings.look_ups, **rules)
+            return DiscoveryGames(opened, attempts=attempts, base=settings.base, **rules)
+        return TaskGames(World(opened, replace(settings.environment, reward=reward)), **rules)
 
     @property
     def world(self) -> World:
         """The world of the tasks; raises ConfigError for open-ended games."""
-        if not isinstance(self.games, TaskGames):
+        if self._world is None:
             raise ConfigError("open-ended games have no tasks; expected games on tasks.")
-        return self.games.world
+        return self._world
 
-    def begin(self, task: int = 0, distractor_seed: int = 0) -> Conversation:
+    @abstractmethod
+    def game(self, task: int = 0, distractor_seed: int = 0) -> Game:
         """Begin a game on a task (index) with the distractors for this seed.
 
         In the open-ended world the task is ignored, and the seed is the number of the game.
@@ -259,11 +247,114 @@ class Play:
         Raises:
             ConfigError: if there is no such task or seed.
         """
+
+    def begin(self, task: int = 0, distractor_seed: int = 0) -> Conversation:
+        """Begin a game as a conversation, see :meth:`game`."""
         rules = self.settings
-        game = self.games.begin(task, distractor_seed)
         return Conversation(
-            game, self.knowledge, max_invalid=rules.max_invalid, look_ups=rules.look_ups
+            self.game(task, distractor_seed),
+            self.knowledge,
+            max_invalid=rules.max_invalid,
+            look_ups=rules.look_ups,
         )
+
+
+class TaskGames(Play):
+    """Games on all tasks in a world.
+
+    Example:
+        >>> world = World.open("kitchen", WordCraftConfig(part="test", num_distractors=2))
+        >>> game = TaskGames(world).game(task=0)
+        >>> len(game.labels), game.goal == world.tasks[0].goal
+        (4, True)
+    """
+
+    def __init__(
+        self,
+        world: World,
+        knowledge: Knowledge | None = None,
+        *,
+        table: TableOf | None = None,
+        look_ups: int = LOOK_UPS,
+        **rules: Any,
+    ):
+        """Take a world.
+
+        Args:
+            world: graph, tasks and settings.
+            knowledge: source of look-ups; None offers none.
+            table: the starting tables; None for those of agent evaluation.
+            look_ups: look-ups in a game.
+            rules: further fields of the played settings.
+
+        Raises:
+            LeakError: if look-ups would leak train recipes on train tasks.
+        """
+        self._world = world
+        self.has_sets = world.has_combine
+        self._env = WordCraftEnv(world)
+        self._table = table or EvaluationTables(world).table
+        config = world.config
+        fields = {"part": config.part, "depth": config.depth, "attempts": config.attempts}
+        fields |= {"distractors": config.num_distractors, **rules}
+        super().__init__(world.opened, knowledge, look_ups, **fields)
+
+    def game(self, task: int = 0, distractor_seed: int = 0) -> TaskGame:  # noqa: D102
+        # A shallow copy shares the world, which never changes; `reset` makes the state anew.
+        env = copy.copy(self._env)
+        return TaskGame(env, task, distractor_seed, self._table(task, distractor_seed))
+
+
+class DiscoveryGames(Play):
+    """Open-ended games.
+
+    Attributes:
+        discovery: the state in which each game begins.
+    """
+
+    def __init__(
+        self,
+        opened: OpenedGraph,
+        knowledge: Knowledge | None = None,
+        *,
+        attempts: int,
+        base: Iterable[Entity] | None = None,
+        orders: Sequence[tuple[int, ...]] = (),
+        look_ups: int = LOOK_UPS,
+        **rules: Any,
+    ):
+        """Take a graph.
+
+        Args:
+            opened: the graph and its split.
+            knowledge: source of look-ups; None offers none.
+            attempts: attempts in a game.
+            base: entities (ids or labels) that are known at the start; None for the graph's base.
+            orders: for each game of a track the base (ids) in the order in which players see it;
+                empty outside of tracks.
+            look_ups: look-ups in a game.
+            rules: further fields of the played settings.
+
+        Raises:
+            ConfigError: for a base from which nothing can be made.
+            GraphError: if a recipe has another number of ingredients than two.
+        """
+        self._graph = opened.graph
+        self.discovery = Discovery(opened.graph, base)
+        self._orders = orders
+        fields = {"part": None, "depth": None, "distractors": None, "attempts": attempts}
+        fields |= {"base": opened.graph.labels(self.discovery.base), **rules}
+        super().__init__(opened, knowledge, look_ups, **fields)
+
+    def game(self, task: int = 0, distractor_seed: int = 0) -> DiscoveryGame:  # noqa: D102
+        # The discovery changes with every attempt, so each game has its own.
+        discovery = copy.copy(self.discovery)
+        number = None
+        if self._orders:
+            number = whole("game", distractor_seed, 0, len(self._orders) - 1)
+            discovery.base = self._orders[number]
+        discovery.restart()
+        return DiscoveryGame(self._graph, discovery, self.settings.attempts, number)
 
 
 _PLAYS_IN_MEMORY = 32

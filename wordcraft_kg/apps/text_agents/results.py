@@ -7,8 +7,7 @@ machine may stop at any time.
 import logging
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import product
 from pathlib import Path
@@ -16,12 +15,13 @@ from typing import TYPE_CHECKING, Literal
 
 import msgspec
 import numpy as np
+from joblib import Parallel, delayed
 
 from wordcraft_kg.agents.agent_records import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.agents.discovery import LATER_MARKS, MARKS
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
-from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TaskGame, TaskGames
-from wordcraft_kg.apps.text_agents.plays import Play, chosen_tasks
+from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TaskGame
+from wordcraft_kg.apps.text_agents.plays import Play, TaskGames, chosen_tasks
 from wordcraft_kg.apps.text_agents.settings import PlayedSettings
 from wordcraft_kg.apps.text_agents.text_players import LinePlayer, TextPlayer
 from wordcraft_kg.base import (
@@ -379,24 +379,6 @@ def mean_known(curves: Sequence[Sequence[int]], attempts: int) -> dict[int, floa
     return means
 
 
-def _in_turn(
-    play: Callable[[tuple[int, int]], GameRecord], games: list[tuple[int, int]], parallel: int
-) -> Iterator[GameRecord]:
-    """Play games, some at a time, and yield their records in the order of the games."""
-    if parallel == 1:
-        # A program plays in this thread: a signal that ends the command ends its game.
-        yield from map(play, steps("playing", games))
-        return
-    with ThreadPoolExecutor(parallel) as pool:
-        records = pool.map(play, games)
-        try:
-            for _ in steps("playing", games):
-                yield next(records)
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-
-
 def play_all(
     player: TextPlayer,
     play: Play,
@@ -430,7 +412,7 @@ def play_all(
     settings = play.settings
     if tasks is None:
         tasks = [0]
-        if isinstance(play.games, TaskGames):
+        if not settings.is_open_ended:
             tasks = chosen_tasks(play.world, settings.tasks).tolist()
     # A dict as an ordered set: games are played seed by seed.
     missing = dict.fromkeys(
@@ -461,7 +443,10 @@ def play_all(
             converse(conversation, player.speaker(conversation))
             return record_of(conversation, task_and_seed[1])
 
-        for record in _in_turn(play_game, list(missing), parallel):
+        # Alone, a program plays in this thread: a signal that ends the command ends its game.
+        in_turn = Parallel(parallel, backend="threading", batch_size=1, return_as="generator")
+        records = in_turn(map(delayed(play_game), missing))
+        for _, record in zip(steps("playing", missing), records, strict=True):
             played.append(record)
             append_game(path, record)
     return played
@@ -532,8 +517,9 @@ def evaluate_program(
         with continuable(folder):
             for world in worlds:
                 tasks = sampled_tasks(world, limit)
-                play = Play.of(
-                    TaskGames(world, EvaluationTables(world, limit).table),
+                play = TaskGames(
+                    world,
+                    table=EvaluationTables(world, limit).table,
                     distractor_seeds=tables,
                     tasks=None if len(tasks) == len(world.tasks) else len(tasks),
                 )

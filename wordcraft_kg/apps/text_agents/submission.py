@@ -240,7 +240,7 @@ def replay(play: Play, number: int, played: GameRecord | GameLine) -> GameLine:
     # On tasks each game is another task with the first table; open-ended games are runs in one
     # world, told apart by the seed alone.
     task, seed = (0, number) if play.settings.is_open_ended else (number, 0)
-    game = play.games.begin(task, seed)
+    game = play.game(task, seed)
     new_labels: list[tuple[str, ...]] = []
     for attempt, pair in enumerate(played.pairs, 1):
         before = game.labels

@@ -10,8 +10,8 @@ import gymnasium as gym
 from gymnasium import spaces
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, PartialGraphKnowledge
-from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
-from wordcraft_kg.apps.text_agents.plays import Play, chosen_tasks
+from wordcraft_kg.apps.text_agents.games import TaskGame
+from wordcraft_kg.apps.text_agents.plays import TaskGames, chosen_tasks
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
 from wordcraft_kg.base import MAX_SIZE, ActionError, ConfigError, EpisodeError, one_of, whole
 from wordcraft_kg.envs.words import characters
@@ -96,7 +96,7 @@ class TextEnv(gym.Env[str, str]):
         self.talk: Conversation | None = None
         whole("look_ups", look_ups, 0, MAX_SIZE)
         facts = PartialGraphKnowledge(self.world.split) if knowledge == "partial" else None
-        self._play = Play.of(TaskGames(self.world), facts, look_ups=look_ups)
+        self._play = TaskGames(self.world, facts, look_ups=look_ups)
         self._tasks = chosen_tasks(self.world, None, difficulty)
         charset = characters(self.world.graph).union(string.printable, _UNKNOWN)
         self.observation_space = spaces.Text(LONGEST_OBSERVATION, min_length=1, charset=charset)

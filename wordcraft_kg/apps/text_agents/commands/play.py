@@ -260,10 +260,11 @@ def _play_tasks(
 
 
 def _play_open_world(terminal: Terminal, games: "Play", output: Output) -> None:
-    from wordcraft_kg.apps.text_agents.games import DiscoveryGame, DiscoveryGames
+    from wordcraft_kg.apps.text_agents.games import DiscoveryGame
+    from wordcraft_kg.apps.text_agents.plays import DiscoveryGames
 
-    assert isinstance(games.games, DiscoveryGames)
-    reachable = games.games.discovery.reachable
+    assert isinstance(games, DiscoveryGames)
+    reachable = games.discovery.reachable
     talk = games.begin()
     game = talk.game
     assert isinstance(game, DiscoveryGame)

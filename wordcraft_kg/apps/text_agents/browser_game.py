@@ -140,20 +140,16 @@ def _exported_page(graph: RecipeGraph, icons: Mapping[int, str]) -> str:
 
 
 def _page(graph: RecipeGraph, icons: Mapping[int, str], **values: Any) -> str:
+    rows = graph.sets.tolist()
     book = {
         "key": graph.hash,
         "labels": list(graph.entities),
         "base": graph.base_ids.tolist(),
-        "recipes": _rows(graph),
+        # The ids of each recipe's ingredients and result, without padding.
+        "recipes": [[entity for entity in row if entity != graph.num_entities] for row in rows],
         "icons": dict(icons),
     }
     # Without "<", no label can end the element that holds the book.
     text = json.dumps(book, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
     template = make_environment(PACKAGE).get_template("game.html.j2")
     return template.render(name=graph.name, book=Markup(text), **values)
-
-
-def _rows(graph: RecipeGraph) -> list[list[int]]:
-    """Return the ids of each recipe's ingredients and result, as the page reads them."""
-    rows = graph.sets.tolist()
-    return [[entity for entity in row if entity != graph.num_entities] for row in rows]

@@ -289,19 +289,17 @@ def _answer(session: CraftingSession, message: str | bytes) -> str | None:
     data = request.get("data", {})
     if kind == "close":
         return None
+    acts = {"reset": session.reset, "step": session.step, "state": lambda _: session.state}
+    if str(kind) not in acts or not isinstance(data, dict):
+        expected = "expected reset with an object as data, step, state or close."
+        return _error("UNKNOWN_TYPE", f"type {str(kind)[:60]!r}: {expected}")
     try:
-        if kind == "reset" and isinstance(data, dict):
-            return json.dumps({"type": "observation", "data": session.reset(data)})
-        if kind == "step":
-            return json.dumps({"type": "observation", "data": session.step(data)})
-        if kind == "state":
-            return json.dumps({"type": "state", "data": session.state})
+        answer = acts[str(kind)](data)
     except WordCraftKGError as error:
         return _error("EXECUTION_ERROR", str(error))
     except OSError as error:
         return _error("EXECUTION_ERROR", f"the game's record was not saved ({error.strerror}).")
-    expected = "expected reset with an object as data, step, state or close."
-    return _error("UNKNOWN_TYPE", f"type {str(kind)[:60]!r}: {expected}")
+    return json.dumps({"type": "state" if kind == "state" else "observation", "data": answer})
 
 
 def _error(code: str, message: str) -> str:
@@ -336,29 +334,29 @@ def make_openenv_app(
         "/schema": schemas,
         "/state": CraftingSession(games).state,
     }
+    # Nobody goes on with a game that HTTP begins.
+    begin = _endpoint(games, lambda games, query: CraftingSession(games).reset(query))
     routes = [Route(path, _constant(fact)) for path, fact in facts.items()]
     routes += [
-        Route("/reset", _endpoint(games, _begun), methods=["POST"]),
+        Route("/reset", begin, methods=["POST"]),
         Route("/step", _constant({"detail": _BY_SOCKET}, 409), methods=["POST"]),
         Route("/mcp", _constant(_NO_MCP), methods=["POST"]),
         *task_routes(games),
     ]
     routes.append(Route("/openapi.json", _constant(_openapi(routes))))
     router = Router([*routes, WebSocketRoute("/ws", open_sessions.serve)])
-    return Guard(router, host, more_hosts, _page, methods=("GET", "HEAD", "POST"), media_type=_JSON)
-
-
-def _page(status: int, message: str) -> str:
-    return json.dumps({"detail": message})
+    return Guard(
+        router,
+        host,
+        more_hosts,
+        lambda _, message: json.dumps({"detail": message}),
+        methods=("GET", "HEAD", "POST"),
+        media_type=_JSON,
+    )
 
 
 def _constant(fact: Any, status: int = 200) -> Callable[[Request], Response]:
     return lambda request: JSONResponse(fact, status)
-
-
-def _begun(games: GameList, arguments: dict[str, Any]) -> dict[str, Any]:
-    """Return the first observation of a game, which nobody goes on with."""
-    return CraftingSession(games).reset(arguments)
 
 
 def _openapi(routes: list[Route]) -> dict[str, Any]:

@@ -295,9 +295,16 @@ class TaskGames(Play):
         self._env = WordCraftEnv(world)
         self._table = table or EvaluationTables(world).table
         config = world.config
-        fields = {"part": config.part, "depth": config.depth, "attempts": config.attempts}
-        fields |= {"distractors": config.num_distractors, **rules}
-        super().__init__(world.opened, knowledge, look_ups, **fields)
+        super().__init__(
+            world.opened,
+            knowledge,
+            look_ups,
+            part=config.part,
+            depth=config.depth,
+            distractors=config.num_distractors,
+            attempts=config.attempts,
+            **rules,
+        )
 
     def game(self, task: int = 0, distractor_seed: int = 0) -> TaskGame:  # noqa: D102
         # A shallow copy shares the world, which never changes; `reset` makes the state anew.
@@ -342,9 +349,17 @@ class DiscoveryGames(Play):
         self._graph = opened.graph
         self.discovery = Discovery(opened.graph, base)
         self._orders = orders
-        fields = {"part": None, "depth": None, "distractors": None, "attempts": attempts}
-        fields |= {"base": opened.graph.labels(self.discovery.base), **rules}
-        super().__init__(opened, knowledge, look_ups, **fields)
+        super().__init__(
+            opened,
+            knowledge,
+            look_ups,
+            part=None,
+            depth=None,
+            distractors=None,
+            attempts=attempts,
+            base=opened.graph.labels(self.discovery.base),
+            **rules,
+        )
 
     def game(self, task: int = 0, distractor_seed: int = 0) -> DiscoveryGame:  # noqa: D102
         # The discovery changes with every attempt, so each game has its own.

@@ -26,12 +26,12 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from http.client import HTTPException
 from pathlib import Path
 from queue import Empty, Full, Queue, SimpleQueue
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Protocol
 from urllib.error import HTTPError, URLError
 from urllib.parse import urlsplit
 from urllib.request import HTTPRedirectHandler, Request, build_opener
@@ -83,7 +83,7 @@ _PASSED_ON = frozenset(
 _OWN_PREFIXES = ("LC_", "WORDCRAFT_KG_")
 
 
-class LinePlayer:
+class LinePlayer(AbstractContextManager["LinePlayer"]):
     """A running program that plays by the line protocol.
 
     The program receives the environment variables of :func:`player_environment`. It runs as the
@@ -146,10 +146,6 @@ class LinePlayer:
         threading.Thread(target=self._read, daemon=True).start()
         threading.Thread(target=self._write, daemon=True).start()
 
-    def __enter__(self) -> Self:
-        """Return the player."""
-        return self
-
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
     ) -> None:
@@ -174,20 +170,17 @@ class LinePlayer:
         """
         self._games += 1
         number = self._games
-        is_new = True
 
         def answer(prompt: str) -> str:
-            nonlocal is_new
             game = talk.game
             line = {
                 "game": number,
-                "new": is_new,
+                "new": prompt == talk.opening,
                 "text": prompt,
                 "goal": game.goal,
                 "table": list(game.labels),
                 "attempts_left": game.attempts_left,
             }
-            is_new = False
             return self.ask(json.dumps(line, ensure_ascii=False))
 
         return answer

@@ -101,9 +101,7 @@ class CraftingEnvironment:
             first ``reset``.
     """
 
-    def __init__(self) -> None:
-        """Wait for a row."""
-        self.talk: Conversation | None = None
+    talk: Conversation | None = None
 
     def reset(self, **row: Any) -> str | None:
         """Begin the game of a row from :func:`crafting_rows`.

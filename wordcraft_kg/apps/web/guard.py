@@ -9,6 +9,7 @@ from urllib.parse import SplitResult, urlsplit
 
 from h11 import LocalProtocolError
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -83,7 +84,7 @@ class Guard:
         if scope["type"] == "websocket":
             headers = Headers(scope=scope)
             # A page of another site must not play here from its reader's browser.
-            if foreign_host(headers, self.hosts) or is_of_another_site(headers):
+            if _host_of(headers) not in self.hosts or is_of_another_site(headers):
                 logging.getLogger(__name__).warning("refused a web socket of another site")
                 await WebSocket(scope, receive, send).close(_FOREIGN)
             else:
@@ -107,8 +108,8 @@ class Guard:
         """Let the application answer; return status and message if an error page is needed."""
         try:
             await self.app(scope, _limited(receive), send)
-        except _Refused as error:
-            return error.status, str(error)
+        except HTTPException as error:
+            return error.status_code, error.detail
         except asyncio.CancelledError:
             # The server stops. A begun answer cannot become an error page any more.
             if send.has_begun:
@@ -132,8 +133,9 @@ class Guard:
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
         """Return status and message if a request is refused; None if it may pass."""
         headers = Headers(scope=scope)
-        if refusal := foreign_host(headers, self.hosts):
-            return refusal
+        host = _host_of(headers)
+        if host not in self.hosts:
+            return 421, f"This server does not accept requests for the host '{host[:60]}'."
         if scope["method"] not in self.methods:
             return 405, f"The method {scope['method'][:20]} is not allowed here."
         if scope["method"] == "POST" and is_of_another_site(headers):
@@ -144,16 +146,9 @@ class Guard:
         return None
 
 
-def foreign_host(headers: Headers, hosts: Collection[str]) -> tuple[int, str] | None:
-    """Return status and message for a request to another host than ``hosts``, in lower case.
-
-    None for a request to one of them.
-    """
-    # An address that cannot be read has no host, and so is refused.
-    host = _split(f"//{headers.get('host', '')}").hostname or ""
-    if host in hosts:
-        return None
-    return 421, f"This server does not accept requests for the host '{host[:60]}'."
+def _host_of(headers: Headers) -> str:
+    """Return the host that a request names; empty for an address that cannot be read."""
+    return _split(f"//{headers.get('host', '')}").hostname or ""
 
 
 def is_of_another_site(headers: Headers) -> bool:
@@ -185,12 +180,6 @@ class _Sender:
         await self.send(message)
 
 
-class _Refused(Exception):
-    def __init__(self, status: int, message: str):
-        super().__init__(message)
-        self.status = status
-
-
 def _limited(receive: Receive) -> Receive:
     """Return a receiver that counts the bytes, since a Content-Length may be missing or wrong."""
     received = 0
@@ -200,7 +189,7 @@ def _limited(receive: Receive) -> Receive:
         message = await receive()
         received += len(message.get("body", b""))
         if received > LONGEST_BODY:
-            raise _Refused(413, f"The request is too large (limit: {LONGEST_BODY:,} bytes).")
+            raise HTTPException(413, f"The request is too large (limit: {LONGEST_BODY:,} bytes).")
         return message
 
     return limited

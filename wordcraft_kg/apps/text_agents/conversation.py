@@ -302,7 +302,6 @@ class Conversation:
             without states in between.
         on_end: called when the game is over, and again by :meth:`end`; an OSError says that the
             game could not be recorded. None calls nothing.
-        is_recorded: whether :attr:`on_end` has taken the game.
 
     Example:
         >>> world = World.open("kitchen", WordCraftConfig(part="test", num_distractors=2))
@@ -339,7 +338,6 @@ class Conversation:
         self.is_invalid = False
         self.facts: tuple[str, list[str]] = ("", [])
         self.on_end: Callable[[Conversation], None] | None = None
-        self.is_recorded = False
         self._knowledge = knowledge
         self._max_invalid = max_invalid
         self._most_look_ups = look_ups

@@ -277,10 +277,10 @@ class GamesWriter:
         Raises:
             OSError: as :meth:`save`.
         """
-        if not talk.is_recorded:
+        # Without messages it was recorded before.
+        if talk.messages:
             self._waiting.append(record_of(talk, self._count))
             self._count += 1
-            talk.is_recorded = True
             talk.messages.clear()
         self.save()
 

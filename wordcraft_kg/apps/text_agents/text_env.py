@@ -144,10 +144,9 @@ class TextEnv(gym.Env[str, str]):
         """
         if not isinstance(action, str):
             raise ActionError(f"action {action!r}: expected a text, such as 'water + earth'.")
-        if self.talk is None:
-            raise EpisodeError("call reset() before step().")
-        reply = self.talk.hear(action[-LONGEST_ACTION:])
-        return self._in_space(reply), self.talk.reward, self.talk.is_over, False, self._info()
+        talk = self._begun
+        reply = talk.hear(action[-LONGEST_ACTION:])
+        return self._in_space(reply), talk.reward, talk.is_over, False, self._info()
 
     def render(self) -> str | None:
         """Return the state in words; None without a ``render_mode``.
@@ -155,25 +154,25 @@ class TextEnv(gym.Env[str, str]):
         Raises:
             EpisodeError: before :meth:`reset`.
         """
-        return None if self.render_mode is None else self._game.state
+        return None if self.render_mode is None else self._begun.game.state
 
     @property
-    def _game(self) -> TaskGame:
+    def _begun(self) -> Conversation:
         if self.talk is None:
-            raise EpisodeError("call reset() first.")
-        assert isinstance(self.talk.game, TaskGame)
-        return self.talk.game
+            raise EpisodeError("there is no game; call reset() first.")
+        return self.talk
 
     def _info(self) -> Info:
-        game = self._game
-        assert self.talk is not None
+        talk = self._begun
+        game = talk.game
+        assert isinstance(game, TaskGame)
         return {
             "task": game.task,
             "distractor_seed": game.distractor_seed,
             "goal": game.goal,
             "is_success": game.is_made,
             "by_plan": game.by_plan,
-            "invalid_actions": self.talk.invalid_actions,
+            "invalid_actions": talk.invalid_actions,
         }
 
     def _in_space(self, text: str) -> str:

@@ -23,7 +23,7 @@ from wordcraft_kg.base import (
 from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.cli.console import Output, split_labels, whole_numbers
 from wordcraft_kg.cli.options import Book, Force, Words
-from wordcraft_kg.graphs.tasks import MAX_DEPTH
+from wordcraft_kg.graphs import MAX_DEPTH, open_graph
 
 if TYPE_CHECKING:
     from mcp.server import MCPServer
@@ -121,7 +121,7 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     number_in("mistakes", mistakes, 0, 0.9, "a probability from 0 to 0.9")
     if tasks is not None:
         whole("tasks", tasks, 1, MAX_SIZE)
-    from wordcraft_kg.apps.text_agents.benchmark_players import named_player
+    from wordcraft_kg.apps.text_agents import benchmark_players, plays
     from wordcraft_kg.apps.text_agents.chats import (
         ChatCounts,
         ChatSettings,
@@ -129,23 +129,22 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
         recipe_scorer,
         write_chats,
     )
-    from wordcraft_kg.apps.text_agents.plays import open_play, read_range
-    from wordcraft_kg.graphs.graph_folder import open_graph
 
     check_output_file(out, force=force)
     source = open_graph(graph)
-    plays = [open_play(graph, "train", *kind, attempts) for kind in kinds]
-    title, played_by = named_player(player, source, plays[0].world.tasks)
-    settings = ChatSettings(style, keep, tables, tasks, mistakes, seed, read_range(difficulty))
+    games = [plays.open_play(graph, "train", *kind, attempts) for kind in kinds]
+    title, played_by = benchmark_players.named_player(player, source, games[0].world.tasks)
+    limits = plays.read_range(difficulty)
+    settings = ChatSettings(style, keep, tables, tasks, mistakes, seed, limits)
     counts = ChatCounts()
     scorer = None if reasons is None else recipe_scorer(reasons, source)
-    rows = chat_rows(plays, played_by, settings, counts, scorer)
+    rows = chat_rows(games, played_by, settings, counts, scorer)
     digest = write_chats(out, rows, force=force)
     view = {
         "out": str(out),
         "graph": source.graph.hash,
         "split": source.split.hash,
-        "prompts": plays[0].settings.prompt_hash,
+        "prompts": games[0].settings.prompt_hash,
         "player": title,
         "sha256": digest,
         "counts": vars(counts),
@@ -203,16 +202,7 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
                 "but --knowledge."
             )
     check_extra("mcp")
-    from wordcraft_kg.apps.text_agents.benchmark import open_track
-    from wordcraft_kg.apps.text_agents.conversation import NEVER
-    from wordcraft_kg.apps.text_agents.mcp_server import (
-        PATH,
-        HostedGames,
-        make_http_app,
-        make_server,
-    )
-    from wordcraft_kg.apps.text_agents.plays import Play
-    from wordcraft_kg.apps.text_agents.results import GamesHeader, games_writer
+    from wordcraft_kg.apps.text_agents import benchmark, conversation, mcp_server, plays, results
     from wordcraft_kg.apps.web.serving import listen, serve
 
     with ExitStack() as stack:
@@ -222,24 +212,32 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
             listening = stack.enter_context(listen(host, port))
         # Tools reject an invalid call, and the client asks again; so it never costs an attempt.
         if track:
-            play = open_track(track).play(settings.knowledge, max_invalid=NEVER)
+            play = benchmark.open_track(track).play(
+                settings.knowledge, max_invalid=conversation.NEVER
+            )
         else:
-            play = Play.open(graph, settings, max_invalid=NEVER)
-        hosted = HostedGames(play)
+            play = plays.Play.open(graph, settings, max_invalid=conversation.NEVER)
+        hosted = mcp_server.HostedGames(play)
         if out is not None:
-            header = GamesHeader(player="MCP clients", settings=hosted.play.settings)
-            hosted.keep = stack.enter_context(games_writer(out, header))
-        server = make_server(hosted)
+            header = results.GamesHeader(player="MCP clients", settings=hosted.play.settings)
+            hosted.keep = stack.enter_context(results.games_writer(out, header))
+        server = mcp_server.make_server(hosted)
         if listening is None:
             _serve_stdio(server)
             return
 
         def started(address: str) -> None:
             output.result(
-                {"address": address + PATH}, [f"{address}{PATH}   Ctrl-C stops the server"]
+                {"address": address + mcp_server.PATH},
+                [f"{address}{mcp_server.PATH}   Ctrl-C stops the server"],
             )
 
-        serve(make_http_app(server, host, allow_host or ()), listening, started, has_lifespan=True)
+        serve(
+            mcp_server.make_http_app(server, host, allow_host or ()),
+            listening,
+            started,
+            has_lifespan=True,
+        )
 
 
 def _serve_stdio(server: "MCPServer[Any]") -> None:
@@ -334,10 +332,7 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
             "each, or leave --out out."
         )
     check_extra("openenv")
-    from wordcraft_kg.apps.text_agents.benchmark import open_track
-    from wordcraft_kg.apps.text_agents.openenv_server import make_openenv_app
-    from wordcraft_kg.apps.text_agents.plays import GameList, open_play, read_range
-    from wordcraft_kg.apps.text_agents.results import GamesHeader, games_writer
+    from wordcraft_kg.apps.text_agents import benchmark, openenv_server, plays, results
     from wordcraft_kg.apps.web.serving import listen, most_web_sockets, serve
 
     # A quarter of the web sockets is for clients who are told that all sessions are taken.
@@ -352,32 +347,32 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
     with ExitStack() as stack:
         # The port first: if it is taken, nobody waits for the tasks.
         listening = stack.enter_context(listen(host, port))
-        plays: dict[str, list[Play]] = {}
+        games_by_part: dict[str, list[Play]] = {}
         if track is not None:
-            benchmark_track = open_track(track)
+            benchmark_track = benchmark.open_track(track)
             if benchmark_track.is_open_ended:
                 raise ConfigError(
                     f"track {track} is open-ended and has no reward; choose another track."
                 )
-            plays["test"] = [benchmark_track.play(knowledge)]
+            games_by_part["test"] = [benchmark_track.play(knowledge)]
         else:
             for name in parts:
-                plays[name] = [
-                    open_play(graph, name, *kind, attempts, reward, knowledge, look_ups)
+                games_by_part[name] = [
+                    plays.open_play(graph, name, *kind, attempts, reward, knowledge, look_ups)
                     for kind in kinds
                 ]
-        games = GameList(plays, read_range(difficulty))
+        games = plays.GameList(games_by_part, plays.read_range(difficulty))
         keep = None
         if out is not None:
-            ((play,),) = plays.values()
-            header = GamesHeader(player="OpenEnv clients", settings=play.settings)
-            keep = stack.enter_context(games_writer(out, header))
-        app = make_openenv_app(
+            ((play,),) = games_by_part.values()
+            header = results.GamesHeader(player="OpenEnv clients", settings=play.settings)
+            keep = stack.enter_context(results.games_writer(out, header))
+        app = openenv_server.make_openenv_app(
             games, keep=keep, sessions=sessions, idle=idle, host=host, more_hosts=allow_host or ()
         )
 
         def started(address: str) -> None:
-            counts = {name: games.count(name) for name in plays}
+            counts = {name: games.count(name) for name in games_by_part}
             offered = ", ".join(f"{count:,} {name} tasks" for name, count in counts.items())
             view = {"address": address, "tasks": counts, "sessions": sessions}
             output.result(view, [f"{address}   {offered}   Ctrl-C stops the server"])

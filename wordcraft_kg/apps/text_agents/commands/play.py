@@ -16,7 +16,7 @@ from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.base import MAX_SIZE, ConfigError, for_terminal, whole
 from wordcraft_kg.cli.console import Flag, Output, split_labels
 from wordcraft_kg.cli.options import Book, Force
-from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.graphs import TaskPart, open_graph
 
 if TYPE_CHECKING:
     from wordcraft_kg.apps.text_agents.conversation import Conversation
@@ -201,7 +201,6 @@ def _play_page(
     check_extra("explore")
     from wordcraft_kg.apps.text_agents.browser_game import export_game, icons_of, make_game_app
     from wordcraft_kg.apps.web.serving import listen, serve
-    from wordcraft_kg.graphs.graph_folder import open_graph
 
     graph = open_graph(source).graph
     icons = icons_of(source, graph)

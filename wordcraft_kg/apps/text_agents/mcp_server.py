@@ -77,6 +77,9 @@ _ENDS = ToolAnnotations(
 class HostedGames:
     """All games on a server, open to anyone with a game's id.
 
+    Players may reconnect by id. The memory is bounded, because anyone can begin games: the least
+    recent games are forgotten, and long games are recorded in part.
+
     Attributes:
         play: the games.
         keep: called with each finished game; by default its messages are forgotten.

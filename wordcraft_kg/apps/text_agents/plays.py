@@ -375,8 +375,8 @@ class DiscoveryGames(Play):
 _PLAYS_IN_MEMORY = 32
 """Opened graphs with settings: more than a mixture of depths and numbers of distractors needs."""
 # At most nine digits: a text of digits could be a number of any size.
-_NAME = re.compile(r"(?P<games>.{1,1000})-(?P<task>[0-9]{1,9})-(?P<seed>[0-9]{1,9})", re.DOTALL)
-_PART = re.compile(r"-(?P<part>train|valid|test|all)-[0-9]+-[0-9]+$")
+_SEED = re.compile("[0-9]{1,9}")
+_PART = re.compile(r"-(?P<part>train|valid|test|all)-[0-9]+-[0-9]+-[0-9]+$")
 
 
 @lru_cache(maxsize=_PLAYS_IN_MEMORY)
@@ -525,13 +525,11 @@ class GameList:
             ConfigError: for another text, or a game that is not offered; a game of a part that is
                 not offered is refused by the name of the part.
         """
-        match = _NAME.fullmatch(name) if isinstance(name, str) else None
-        games = match["games"] if match else ""
-        if match and (game := self._by_task.get(f"{games}-{int(match['task'])}")):
-            return replace(game, distractor_seed=int(match["seed"]))
-        part = _PART.search(games)
-        if part and part["part"] not in self.plays:
-            # This raises the error for the part.
+        task_name, _, seed = name.rpartition("-") if isinstance(name, str) else ("", "", "")
+        if task_name in self._by_task and _SEED.fullmatch(seed):
+            return replace(self._by_task[task_name], distractor_seed=int(seed))
+        if part := _PART.search(task_name):
+            # This raises the error for a part that is not offered.
             self._of_part(part["part"])
         example = self.at(next(iter(self.plays)), 0).name
         raise ConfigError(

@@ -1,6 +1,6 @@
-"""The line protocol for external players: any program that reads and writes lines can play.
+"""Players outside of this process: programs by the line protocol, and models behind an address.
 
-The program is started once. It reads a JSON object in a line from stdin, and writes a line with the
+Any program that reads and writes lines can play. The program is started once. It reads a JSON object in a line from stdin, and writes a line with the
 answer to stdout, until its input ends:
 
 | key | meaning |
@@ -14,7 +14,11 @@ answer to stdout, until its input ends:
 
 A program may be foreign, and it may hang, crash, write without end or leave processes behind. So
 each pipe has a thread of its own, every wait has a limit, and the program's environment holds no
-keys.
+keys. Its stderr is that of this process.
+
+A :class:`ChatServer` is a model behind the chat completions API. The key comes from the environment
+alone, and no message shows it. A redirection is refused, since it would carry the key to another
+server.
 """
 
 import json

@@ -1,7 +1,7 @@
 """Players outside of this process: programs by the line protocol, and models behind an address.
 
-Any program that reads and writes lines can play. The program is started once. It reads a JSON object in a line from stdin, and writes a line with the
-answer to stdout, until its input ends:
+Any program that reads and writes lines can play. The program is started once. It reads a JSON
+object in a line from stdin, and writes a line with the answer to stdout, until its input ends:
 
 | key | meaning |
 |---|---|

@@ -134,7 +134,7 @@ def test_games_of_another_player_or_other_settings_are_not_mixed(play, games):
     for changes, fragment in (
         ({"limit": 4}, "--tasks 3, and this command has 4"),
         ({"limit": 3, "seeds": 2}, "--distractor-seeds 1, and this command has 2"),
-        ({"limit": 3, "player": "other.py"}, "holds games by"),
+        ({"limit": 3, "player": "other.py"}, "holds games with --player player.py"),
     ):
         outcome = play(**changes)
         assert (outcome.code, outcome.out, fragment in outcome.err) == (1, "", True)

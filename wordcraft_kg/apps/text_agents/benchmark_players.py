@@ -627,12 +627,9 @@ def prompts_of(entrant: Entrant, declared_hash: str | None) -> dict[str, Any]:
     """
     prompt_hash = entrant.prompt_hash
     standard = read_manifest()[0].prompts.values()
-    if declared_hash is not None or (prompt_hash is not None and prompt_hash not in standard):
+    kind = "none" if prompt_hash is None else "standard"
+    if declared_hash is not None or prompt_hash not in (None, *standard):
         kind = "custom"
-    elif prompt_hash is None:
-        kind = "none"
-    else:
-        kind = "standard"
     return {"prompts": kind, "prompt_hash": declared_hash or prompt_hash}
 
 

@@ -47,7 +47,7 @@ from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.envs.world_config import REWARDS
+from wordcraft_kg.envs.world_config import REWARDS, WordCraftConfig
 from wordcraft_kg.graphs import Entity, Ids, OpenedGraph, TaskPart, open_graph
 
 DIFFICULTY_FILE = Path(__file__).parent / "difficulty.csv.gz"
@@ -229,7 +229,14 @@ class Play(ABC):
         if settings.open_ended:
             attempts = settings.attempts or ATTEMPTS
             return DiscoveryGames(opened, attempts=attempts, base=settings.base, **rules)
-        return TaskGames(World(opened, replace(settings.environment, reward=reward)), **rules)
+        config = WordCraftConfig(
+            part=settings.part,
+            depth=settings.depth,
+            num_distractors=settings.distractors,
+            max_attempts=settings.attempts,
+            reward=reward,
+        )
+        return TaskGames(World(opened, config), **rules)
 
     @property
     def world(self) -> World:

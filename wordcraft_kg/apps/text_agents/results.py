@@ -13,7 +13,6 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-import msgspec
 import numpy as np
 from joblib import Parallel, delayed
 
@@ -33,6 +32,7 @@ from wordcraft_kg.base import (
     Record,
     WordCraftKGError,
     as_lines,
+    as_values,
     check_file,
     counted,
     made_folder,
@@ -142,8 +142,7 @@ def open_games(path: Path, header: GamesHeader) -> list[GameRecord]:
     line = as_lines([header])[0].encode()
     if not path.exists():
         path.touch()
-    with path.open("rb") as file:
-        start = file.read(len(line))
+    start = path.read_bytes()[: len(line)]
     # A beginning of the header is an empty file, or one whose writer was killed meanwhile.
     is_unfinished_header = line.startswith(start) and start != line
     if not is_unfinished_header:
@@ -187,20 +186,14 @@ def append_game(path: Path, played: Record) -> None:
 
 
 def _check_header(path: Path, stored: GamesHeader, header: GamesHeader) -> None:
-    if stored.player != header.player:
-        raise ConfigError(
-            f"'{path}' holds games by '{stored.player}', and the player is '{header.player}'. "
-            "Choose another `out`."
-        )
+    before = {"player": stored.player, **as_values(stored.settings)}
     # Graph and split come first: another graph may also differ in settings.
-    for field in msgspec.structs.fields(PlayedSettings):
-        before = getattr(stored.settings, field.name)
-        value = getattr(header.settings, field.name)
-        if before != value:
-            is_graph = field.name in ("graph", "graph_hash", "split_hash")
+    for name, value in {"player": header.player, **as_values(header.settings)}.items():
+        if before[name] != value:
+            is_graph = name in ("graph", "graph_hash", "split_hash")
             kind = GraphMismatchError if is_graph else ConfigError
             raise kind(
-                f"'{path}' holds games with `{field.name}` {before}, and this command has {value}. "
+                f"'{path}' holds games with `{name}` {before[name]}, and this command has {value}. "
                 "Choose another `out`, or use the same settings."
             )
 

@@ -91,16 +91,6 @@ class GameSettings:
                 "omit the scorer."
             )
 
-    @property
-    def environment(self) -> WordCraftConfig:
-        """Environment settings for the tasks: part, depth, distractors and attempts."""
-        return WordCraftConfig(
-            part=self.part,
-            depth=self.depth,
-            num_distractors=self.distractors,
-            max_attempts=self.attempts,
-        )
-
 
 class PlayedSettings(Record, frozen=True, kw_only=True):
     """Game settings as recorded with games; results with equal settings are comparable.

@@ -681,10 +681,8 @@ def read_submission_file(submission: Path, name: str) -> bytes:
 
 def _archive_of(submission: Path) -> Path | None:
     """Return the archive that a path names or goes into; None outside of archives."""
-    for path in (submission, *submission.parents):
-        if path.suffix == ARCHIVE and path.is_file():
-            return path
-    return None
+    paths = (submission, *submission.parents)
+    return next((path for path in paths if path.suffix == ARCHIVE and path.is_file()), None)
 
 
 def _in_archive(archive: Path) -> list[Path]:

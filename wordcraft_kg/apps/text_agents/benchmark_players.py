@@ -214,18 +214,15 @@ def discoveries(track: Track, player: Discoverer) -> list[GameRecord]:
     return games
 
 
-def _scripted(kind: str) -> Callable[[Track, str, RunSettings], Entrant]:
-    def enter(track: Track, argument: str, settings: RunSettings) -> Entrant:
-        name, in_world = _SCRIPTED[kind]
-        if track.is_open_ended and in_world:
-            player: Discoverer = RandomDiscoverer()
-            if kind != "random":
-                (player,) = make_discoverers([in_world], track.opened.graph).values()
-            return Entrant(name, discoveries(track, player), _KNOWS[kind], _OWN_LICENCE)
-        name, chooser = named_player(kind, track.opened, track.world.tasks)
-        return Entrant(name, decisions(track, chooser), _KNOWS[kind], _OWN_LICENCE)
-
-    return enter
+def _scripted(track: Track, argument: str, settings: RunSettings, *, kind: str) -> Entrant:
+    name, in_world = _SCRIPTED[kind]
+    if track.is_open_ended and in_world:
+        player: Discoverer = RandomDiscoverer()
+        if kind != "random":
+            (player,) = make_discoverers([in_world], track.opened.graph).values()
+        return Entrant(name, discoveries(track, player), _KNOWS[kind], _OWN_LICENCE)
+    name, chooser = named_player(kind, track.opened, track.world.tasks)
+    return Entrant(name, decisions(track, chooser), _KNOWS[kind], _OWN_LICENCE)
 
 
 def _words(track: Track, vectors: str, settings: RunSettings) -> Entrant:
@@ -502,16 +499,18 @@ def _recorded(
 KINDS: Registry[Kind] = Registry(
     "wordcraft_kg.bench_players",
     {
-        "random": Kind("chance", "", _scripted("random")),
+        "random": Kind("chance", "", partial(_scripted, kind="random")),
         "nearest-words": Kind(
             "the items with the words nearest to the goal, by the best built-in vectors",
             "",
-            _scripted("nearest-words"),
+            partial(_scripted, kind="nearest-words"),
         ),
         "words": Kind("the same by other vectors, such as words:glove", "VECTORS", _words),
-        "votes": Kind("votes of the train recipes on pairs", "", _scripted("votes")),
-        "graph": Kind("links of the train recipes, without learning", "", _scripted("graph")),
-        "oracle": Kind("knows all recipes", "", _scripted("oracle")),
+        "votes": Kind("votes of the train recipes on pairs", "", partial(_scripted, kind="votes")),
+        "graph": Kind(
+            "links of the train recipes, without learning", "", partial(_scripted, kind="graph")
+        ),
+        "oracle": Kind("knows all recipes", "", partial(_scripted, kind="oracle")),
         "scorer": Kind(
             "the best pair by a model's scores", "MODEL", partial(_with_model, names=_BEST_PAIR)
         ),

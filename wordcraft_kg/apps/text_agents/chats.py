@@ -350,8 +350,10 @@ def _said(
     """Play a game again in words; return all messages, and the places of mistakes."""
     by_tool = settings.style == "tools"
     rules = worded_rules(talk, wording, by_tool=by_tool)
-    messages: list[Message] = [{"role": "system", "content": rules}]
-    messages.append({"role": "user", "content": talk.game.state})
+    messages: list[Message] = [
+        {"role": "system", "content": rules},
+        {"role": "user", "content": talk.game.state},
+    ]
     if by_tool:
         messages = [{"role": "user", "content": f"{rules}\n\n{talk.game.state}"}]
     mistakes: list[int] = []

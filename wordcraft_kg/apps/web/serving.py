@@ -150,14 +150,12 @@ def listen(host: str, port: int) -> socket.socket:
             f"`host` '{host}': unknown host; expected an address of this machine, such as "
             "127.0.0.1."
         ) from None
-    # asyncio sets TCP_NODELAY only for a named protocol; otherwise a page may wait for 40 ms.
-    listening = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    is_dualstack = family == socket.AF_INET6 and socket.has_dualstack_ipv6()
     try:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listening.bind((host, port))
-        listening.listen(_WAITING)
+        bound = socket.create_server(
+            (host, port), family=family, backlog=_WAITING, dualstack_ipv6=is_dualstack
+        )
     except OSError as error:
-        listening.close()
         reasons = {
             errno.EADDRINUSE: (
                 "is in use by another program; choose another port (0 selects a free port)"
@@ -168,7 +166,9 @@ def listen(host: str, port: int) -> socket.socket:
         raise ConfigError(
             f"`port` {port} {reasons.get(error.errno or 0, error.strerror)}."
         ) from None
-    return listening
+    # Opened by its number it names its protocol: else asyncio leaves TCP_NODELAY off, and a page
+    # may wait for 40 ms.
+    return socket.socket(fileno=bound.detach())
 
 
 def serve(

@@ -517,7 +517,6 @@ def kitchen_track(opened_kitchen, monkeypatch):
     track = Track(
         "craft-8",
         "everyday-v3",
-        "kitchen",
         FrozenTrack("", "by-recipe", 1, 1, 3, tasks),
         opened_kitchen,
     )

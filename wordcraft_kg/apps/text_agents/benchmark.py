@@ -169,14 +169,12 @@ class Track:
     Attributes:
         name: name with endings, such as ``craft-8-lite``.
         benchmark: name and version of the benchmark.
-        book: name of the built-in book.
         frozen: the tasks or open-ended games, already shortened for a ``-lite`` track.
         opened: the book's graph with the track's split.
     """
 
     name: str
     benchmark: str
-    book: str
     frozen: FrozenTrack
     opened: OpenedGraph
 
@@ -252,7 +250,7 @@ def open_track(name: str) -> Track:
         frozen = _shortened(frozen)
     plain, made_up = manifest.books
     book = made_up if has_made_up_words else plain
-    return Track(name, manifest.name, book, frozen, _book_with_split(book, frozen.split))
+    return Track(name, manifest.name, frozen, _book_with_split(book, frozen.split))
 
 
 def _book_with_split(book: str, kind: str) -> OpenedGraph:

@@ -20,7 +20,7 @@ from wordcraft_kg.graphs import TaskPart, open_graph
 
 if TYPE_CHECKING:
     from wordcraft_kg.apps.text_agents.conversation import Conversation
-    from wordcraft_kg.apps.text_agents.plays import Play
+    from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, Play
 
 GROUP = "Tasks and play"
 EXAMPLES = (
@@ -175,13 +175,13 @@ def play(  # noqa: PLR0913 - parameters are the command's options
         # Shown at the end and short enough to type, so that the same tasks can be played again.
         seed = secrets.randbelow(1_000_000)
     whole("seed", seed, 0)
-    from wordcraft_kg.apps.text_agents.plays import Play
+    from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, Play
 
     # A person corrects a typing error as often as it takes.
     games = Play.open(graph, settings, max_invalid=MAX_SIZE)
     # With --json, stdout is for the result alone.
     terminal = Terminal(sys.stderr if output.json else sys.stdout)
-    if open_ended:
+    if isinstance(games, DiscoveryGames):
         _play_open_world(terminal, games, output)
     else:
         _play_tasks(terminal, games, seed, episodes, output)
@@ -258,11 +258,9 @@ def _play_tasks(
     output.result(values, [tally()])
 
 
-def _play_open_world(terminal: Terminal, games: "Play", output: Output) -> None:
+def _play_open_world(terminal: Terminal, games: "DiscoveryGames", output: Output) -> None:
     from wordcraft_kg.apps.text_agents.games import DiscoveryGame
-    from wordcraft_kg.apps.text_agents.plays import DiscoveryGames
 
-    assert isinstance(games, DiscoveryGames)
     reachable = games.discovery.reachable
     talk = games.begin()
     game = talk.game

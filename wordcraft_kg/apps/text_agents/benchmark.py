@@ -6,7 +6,6 @@ table as ids of a book, whose content hash guards the ids.
 
 import hashlib
 import json
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -37,7 +36,6 @@ from wordcraft_kg.graphs import (
     RecipeGraph,
     SplitConfig,
     TaskSet,
-    make_split,
     open_graph,
     padded,
 )
@@ -50,8 +48,6 @@ BOARD = MANIFEST.with_name("board.json")
 # apart, at a price that a language model's user can pay.
 LITE_TASKS = 100
 LITE_ATTEMPTS = 100
-# The first group is lazy: both endings belong to the name's form, not to the track's own name.
-_NAME = re.compile(r"(.+?)(-lite)?(-made-up)?")
 
 
 class FrozenBook(Record, frozen=True):
@@ -242,26 +238,23 @@ def open_track(name: str) -> Track:
             "-lite or -made-up."
             f"{nearest(name, manifest.names)}"
         )
-    match = _NAME.fullmatch(name)
-    assert match is not None
-    track_name, is_lite, has_made_up_words = match.groups()
-    frozen = manifest.tracks[track_name]
-    if is_lite:
+    base_name = name.removesuffix("-made-up")
+    frozen = manifest.tracks[base_name.removesuffix("-lite")]
+    if base_name.endswith("-lite"):
         frozen = _shortened(frozen)
     plain, made_up = manifest.books
-    book = made_up if has_made_up_words else plain
+    book = made_up if name.endswith("-made-up") else plain
     return Track(name, manifest.name, frozen, _book_with_split(book, frozen.split))
 
 
 def _book_with_split(book: str, kind: str) -> OpenedGraph:
     manifest, _ = read_manifest()
-    graph = open_graph(book).graph
-    split = make_split(graph, SplitConfig(kind))
+    opened = open_graph(book, SplitConfig(kind))
     frozen = manifest.books[book]
     # The tasks are ids and rows: in another state of the book they would name other entities.
     for subject, has, expected in (
-        ("the book", graph.hash, frozen.hash),
-        ("the split of", split.hash, frozen.splits[kind]),
+        ("the book", opened.graph.hash, frozen.hash),
+        ("the split of", opened.split.hash, frozen.splits[kind]),
     ):
         if has != expected:
             raise GraphMismatchError(
@@ -269,7 +262,7 @@ def _book_with_split(book: str, kind: str) -> OpenedGraph:
                 f"{expected[:12]}. Install "
                 "the version of wordcraft-kg that has this book."
             )
-    return OpenedGraph(graph, split, book)
+    return opened
 
 
 def _shortened(frozen: FrozenTrack) -> FrozenTrack:

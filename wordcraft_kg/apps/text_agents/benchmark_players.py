@@ -35,7 +35,7 @@ from wordcraft_kg.apps.text_agents.submission import (
     read_submission_file,
     replay,
 )
-from wordcraft_kg.apps.text_agents.text_players import KEY, ChatServer, LinePlayer, TextPlayer
+from wordcraft_kg.apps.text_agents.text_players import ChatServer, LinePlayer, TextPlayer
 from wordcraft_kg.base import (
     ArtefactError,
     ConfigError,
@@ -417,13 +417,8 @@ def _program(track: Track, argument: str, settings: RunSettings) -> Entrant:
 
 
 def _openai(track: Track, argument: str, settings: RunSettings) -> Entrant:
-    if settings.base_url is None:
-        raise ConfigError(
-            "`base_url`: expected the address of a chat completions API, such as "
-            "http://127.0.0.1:8000/v1. Its key is read from the environment variable "
-            f"{KEY}."
-        )
-    server = ChatServer(argument, settings.base_url, settings.timeout)
+    # No address is none of HTTP either: the server refuses it.
+    server = ChatServer(argument, settings.base_url or "", settings.timeout)
     parallel = whole("parallel", settings.parallel, 1, 256)
     return _played(track, settings, server, parallel)
 

@@ -365,7 +365,7 @@ class ChatServer:
         if not _is_address(base_url):
             raise ConfigError(
                 f"`base_url` '{base_url[:100]}': expected the address of a chat completions API, "
-                "such as http://127.0.0.1:8000/v1."
+                f"such as http://127.0.0.1:8000/v1. Its key is read from {KEY}."
             )
         self.name = model
         self._address = f"{base_url.rstrip('/')}/chat/completions"

@@ -15,7 +15,7 @@ from itertools import product
 from pathlib import Path
 
 from wordcraft_kg.apps.text_agents.commands.bench import bench_run
-from wordcraft_kg.apps.text_agents.game_records import GAMES_FILE
+from wordcraft_kg.apps.text_agents.results import GAMES_FILE
 from wordcraft_kg.apps.text_agents.submission import (
     ARCHIVE,
     SUBMISSION_FILE,

@@ -24,7 +24,7 @@ from wordcraft_kg.apps.text_agents.benchmark import (
     task_set,
 )
 from wordcraft_kg.apps.text_agents.mcp_server import tools_hash
-from wordcraft_kg.apps.text_agents.results import chosen_tasks
+from wordcraft_kg.apps.text_agents.plays import chosen_tasks
 from wordcraft_kg.apps.text_agents.submission import SCHEMA, submission_schema
 from wordcraft_kg.base.artefacts import dump_json
 from wordcraft_kg.base.records import as_values

@@ -28,7 +28,12 @@ from wordcraft_kg import (
 )
 from wordcraft_kg.agents.players import words_player
 from wordcraft_kg.apps.text_agents.benchmark_players import best_player
-from wordcraft_kg.apps.text_agents.difficulty import COLUMNS, FILE, TABLES, task_keys
+from wordcraft_kg.apps.text_agents.plays import (
+    DIFFICULTY_COLUMNS,
+    DIFFICULTY_FILE,
+    MEASURED_TABLES,
+    task_keys,
+)
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.models.model_folder import open_model
 
@@ -59,24 +64,30 @@ def lines_of(folder: Path, split: str, depth: int, part: str) -> list[str]:
     _, planner = best_player(model, world.graph, ["planner"], seen)
     learner = load_policy(folder / f"{split}-{depth}")
     counts = [
-        evaluate(player, world, distractor_seeds=TABLES).success.sum(1)
+        evaluate(player, world, distractor_seeds=MEASURED_TABLES).success.sum(1)
         for player in (words, learner, planner)
     ]
-    print(split, depth, part, len(world.tasks), *(f"{each.mean() / TABLES:.3f}" for each in counts))
+    print(
+        split,
+        depth,
+        part,
+        len(world.tasks),
+        *(f"{each.mean() / MEASURED_TABLES:.3f}" for each in counts),
+    )
     rows = zip(task_keys(world), *counts, strict=True)
     return [",".join(map(str, (*key, *solved))) for key, *solved in rows]
 
 
 def main(folder: Path) -> None:
     """Train what is missing, play all tasks and write the file."""
-    lines = [",".join(COLUMNS)]
+    lines = [",".join(DIFFICULTY_COLUMNS)]
     for split, depth in WORLDS:
         prepare(folder, split, depth)
         for part in ("train", "test"):
             lines += lines_of(folder, split, depth, part)
     # Without a time, so that equal measurements are equal bytes.
     text = "\n".join(lines) + "\n"
-    write_atomically(FILE, gzip.compress(text.encode(), mtime=0))
+    write_atomically(DIFFICULTY_FILE, gzip.compress(text.encode(), mtime=0))
 
 
 if __name__ == "__main__":

@@ -478,9 +478,10 @@ class EvaluationTables:
         (4, False)
     """
 
-    def __init__(self, world: World):
-        """Prepare the draws of a world's tables."""
+    def __init__(self, world: World, limit: int | None = MOST_TASKS):
+        """Prepare the draws of a world's tables, in an evaluation of at most ``limit`` tasks."""
         self.world = world
+        self._limit = limit
         self._draws = Draws(world, arrays_of("cpu"))
 
     def table(self, task: int, distractor_seed: int = 0) -> list[int]:
@@ -499,7 +500,7 @@ class EvaluationTables:
         whole("distractor_seed", distractor_seed, 0, MAX_SIZE)
         # An evaluator plays every n-th task, each in an environment of its own, and the environment
         # seeds the distractors. A task outside the sample has separate tables.
-        place, remainder = divmod(task, distance_of(amount, MOST_TASKS))
+        place, remainder = divmod(task, distance_of(amount, self._limit))
         environment = task if remainder else place
         env_keys = self._draws.env_keys(EVALUATION_SEED, environment, 1)
         keys = self._draws.keys(env_keys, np.array([distractor_seed]))

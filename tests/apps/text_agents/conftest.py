@@ -6,7 +6,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import pytest
 
 from wordcraft_kg import WordCraftConfig, World
-from wordcraft_kg.apps.text_agents.games import TaskGames
+from wordcraft_kg.apps.text_agents.plays import TaskGames
 
 
 @pytest.fixture

@@ -46,7 +46,7 @@ from wordcraft_kg.apps.text_agents.benchmark import (
 from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter, reproduce
 from wordcraft_kg.apps.text_agents.commands.bench import bench_run, bench_verify
 from wordcraft_kg.apps.text_agents.mcp_server import tools_hash
-from wordcraft_kg.apps.text_agents.results import chosen_tasks
+from wordcraft_kg.apps.text_agents.plays import chosen_tasks
 from wordcraft_kg.apps.text_agents.submission import SCHEMA, acceptable, verify
 from wordcraft_kg.base import (
     ArtefactError,
@@ -517,7 +517,6 @@ def kitchen_track(opened_kitchen, monkeypatch):
     track = Track(
         "craft-8",
         "everyday-v3",
-        "kitchen",
         FrozenTrack("", "by-recipe", 1, 1, 3, tasks),
         opened_kitchen,
     )
@@ -562,7 +561,7 @@ def test_models_and_agents_play_as_in_the_evaluation(
         assert bench_verify(folder, player=player) == 1
         assert "'weights' is" in capsys.readouterr().out
         other_split = replace(kitchen_track, opened=open_graph("kitchen", SplitConfig("by-goal")))
-        with pytest.raises(GraphMismatchError, match="was trained on split"):
+        with pytest.raises(GraphMismatchError, match="was trained on graph"):
             enter(other_split, player, RunSettings(tmp_path))
 
 

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from wordcraft_kg.apps.text_agents.chat_server import ChatServer
+from wordcraft_kg.apps.text_agents.text_players import ChatServer
 from wordcraft_kg.base.errors import ConfigError, PlayerError
 
 KEY = "sk-a-secret-of-mine"

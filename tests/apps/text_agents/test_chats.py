@@ -19,8 +19,8 @@ from wordcraft_kg.apps.text_agents.chats import (
     recipe_scorer,
     worded_rules,
 )
-from wordcraft_kg.apps.text_agents.hosted_games import GameList, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.openenv_server import CraftingSession
+from wordcraft_kg.apps.text_agents.plays import GameList, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.text_env import TextEnv
 from wordcraft_kg.apps.text_agents.trl import CraftingEnvironment, LookUpEnvironment, crafting_rows
 from wordcraft_kg.base.errors import ConfigError, LeakError
@@ -219,7 +219,7 @@ def test_reasons_are_train_recipes_but_never_the_answer(run, tmp_path, recipes_f
     options = ["--style", "text", "--tasks", "60", "--reasons", recipes_folder]
     outcome = run("chats", "kitchen", *options, "--out", out)
     assert outcome.code == 0, outcome.err
-    split = open_play("kitchen", "train", 1, 2, None).games.world.split
+    split = open_play("kitchen", "train", 1, 2, None).world.split
     known = {
         (frozenset(recipe.ingredients), recipe.result)
         for recipe in split.graph.recipe_labels(split.recipes("train"))
@@ -296,7 +296,7 @@ def messages(graph, games):
 def sessions(graph, games):
     rng = random.Random(2)
     play = open_play(graph, "train", 2, 3, 3)
-    tasks = len(play.games.world.tasks)
+    tasks = len(play.world.tasks)
     session = CraftingSession(GameList({"train": [play]}))
     told = []
     for index in range(games):

@@ -6,13 +6,14 @@ import pytest
 from wordcraft_kg import SplitConfig, WordCraftConfig, World, evaluate, open_graph
 from wordcraft_kg.agents.players import words_player
 from wordcraft_kg.apps.text_agents.benchmark import open_track, read_manifest
-from wordcraft_kg.apps.text_agents.difficulty import (
-    TABLES,
+from wordcraft_kg.apps.text_agents.plays import (
+    MEASURED_TABLES,
+    GameList,
     measured_success,
+    open_play,
     read_range,
     tasks_within,
 )
-from wordcraft_kg.apps.text_agents.hosted_games import GameList, open_play
 from wordcraft_kg.apps.text_agents.text_env import TextEnv
 from wordcraft_kg.apps.text_agents.trl import crafting_rows
 from wordcraft_kg.base.errors import ConfigError
@@ -37,7 +38,7 @@ def everyday(part="train", depth=1, split="by-recipe"):
 def test_the_words_of_the_file_are_what_nearest_words_make(settings):
     world = everyday(*settings)
     ((_, words),) = words_player(world.graph).items()
-    played = evaluate(words, world, distractor_seeds=TABLES)
+    played = evaluate(words, world, distractor_seeds=MEASURED_TABLES)
     success = measured_success(world)
     assert success.shape == (len(world.tasks), 3)
     np.testing.assert_array_equal(success[:, 0], played.success.mean(axis=1))
@@ -62,7 +63,7 @@ def test_each_task_of_the_frozen_tracks_of_depth_1_is_measured(track):
 def test_a_range_chooses_the_same_tasks_for_every_interface():
     limits = (0.2, 0.8)
     play = open_play("everyday", "test", 1, 8, None)
-    world = play.games.world
+    world = play.world
     difficulty = 1 - measured_success(world).mean(axis=1)
     chosen = tasks_within(world, limits)
     assert {*chosen} == {

@@ -15,8 +15,7 @@ from wordcraft_kg.apps.text_agents.conversation import (
     converse,
     hidden_pairs,
 )
-from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
-from wordcraft_kg.apps.text_agents.hosted_games import GameList, open_play
+from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, GameList, TaskGames, open_play
 from wordcraft_kg.apps.text_agents.results import evaluation_of, mean_known, record_of
 from wordcraft_kg.apps.text_agents.settings import MAX_INVALID
 from wordcraft_kg.apps.text_agents.text_env import TextEnv
@@ -30,7 +29,7 @@ def play_all(games, distractor_seeds, player):
     """Let a player, by task and draw, play all tasks."""
     played = []
     for task, distractor_seed in product(range(len(games.world.tasks)), range(distractor_seeds)):
-        talk = Conversation(games.begin(task, distractor_seed))
+        talk = Conversation(games.game(task, distractor_seed))
         converse(talk, player(task, distractor_seed))
         played.append(record_of(talk))
     return played
@@ -82,7 +81,7 @@ def test_a_player_of_the_texts_alone_makes_every_goal(games, opened_kitchen):
 
 
 def test_an_invalid_message_costs_nothing_until_there_are_too_many(games):
-    talk = Conversation(games.begin(0))
+    talk = Conversation(games.game(0))
     before = talk.game.state
     for _ in range(MAX_INVALID):
         reply = talk.hear("unicorn + dragon")
@@ -97,7 +96,7 @@ def test_an_invalid_message_costs_nothing_until_there_are_too_many(games):
 
 
 def test_a_game_that_is_given_up_takes_no_attempt_more(games):
-    game = games.begin(0)
+    game = games.game(0)
     game.end()
     assert (game.is_over, game.state, game.is_made) == (True, "The game was ended early.", False)
     with pytest.raises(EpisodeError):
@@ -106,10 +105,10 @@ def test_a_game_that_is_given_up_takes_no_attempt_more(games):
 
 def test_the_open_ended_world_is_played_by_pairs_and_counts_known_entities(opened_kitchen):
     games = DiscoveryGames(opened_kitchen, attempts=4)
-    base = len(games.env.discovery.base)
-    talk, other = Conversation(games.begin()), Conversation(games.begin())
+    base = len(games.discovery.base)
+    talk, other = Conversation(games.game()), Conversation(games.game())
     pair = next(
-        pair for pair in opened_kitchen.graph.outcomes if {*pair} <= {*games.env.discovery.base}
+        pair for pair in opened_kitchen.graph.outcomes if {*pair} <= {*games.discovery.base}
     )
     words = " with ".join(opened_kitchen.graph.labels(pair))
     assert " -> " in talk.hear(words)
@@ -153,7 +152,7 @@ def test_look_ups_reveal_no_way_to_the_goal_and_all_other_train_recipes(
     games, recipes = TaskGames(world), graph.recipe_labels()
     line_of = [f"{a} + {b} -> {result}" for a, b, result in recipes]
     for task in range(0, len(world.tasks), 30 * depth):
-        game = games.begin(task)
+        game = games.game(task)
         table = {graph.id_of(label) for label in game.labels}
         facts = {
             fact for entity in range(graph.num_entities) for fact in knowledge.facts(entity, game)
@@ -190,7 +189,7 @@ def test_a_pair_that_solves_the_task_is_not_revealed_by_its_other_result():
     knowledge = PartialGraphKnowledge(make_split(graph, SplitConfig("none")))
     facts = {}
     for task, one in enumerate(games.world.tasks):
-        game = games.begin(task)
+        game = games.game(task)
         facts[one.goal] = {
             fact for entity in range(graph.num_entities) for fact in knowledge.facts(entity, game)
         }
@@ -201,7 +200,7 @@ def test_a_pair_that_solves_the_task_is_not_revealed_by_its_other_result():
 
 def test_a_look_up_costs_no_attempt_and_there_are_only_so_many(games, opened_kitchen):
     talk = Conversation(
-        games.begin(0), PartialGraphKnowledge(opened_kitchen.split), look_ups=2, max_invalid=1
+        games.game(0), PartialGraphKnowledge(opened_kitchen.split), look_ups=2, max_invalid=1
     )
     unknown = (
         "Invalid answer: unknown item 'unicorn': expected an item name, or the start of a name."
@@ -232,7 +231,7 @@ def test_answers_with_names_make_all_goals_of_numbers():
         ways.setdefault(result, []).append((one, other))
     made = []
     for task in range(len(games.world.tasks)):
-        talk = Conversation(games.begin(task))
+        talk = Conversation(games.game(task))
         table = talk.game.labels
         pair = next(pair for pair in ways[talk.game.goal] if {*pair} <= {*table})
         talk.hear(" + ".join(pair))
@@ -244,7 +243,7 @@ def test_answers_with_names_make_all_goals_of_numbers():
 def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games, opened_kitchen):
     scorer = FrequencyScorer(opened_kitchen.graph, opened_kitchen.split.partial)
     knowledge = ScorerKnowledge(scorer, opened_kitchen.split)
-    game = games.begin(0)
+    game = games.game(0)
     entity = opened_kitchen.graph.id_of(game.labels[0])
     partners, parts_of, made_of = knowledge.facts(entity, game)
     assert partners.startswith("on this table, most likely combines with: ")
@@ -253,7 +252,7 @@ def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games, opened
     best = scorer.top(None, "componentOf", entity)[0]
     assert made_of.startswith(f"most likely ingredients: {best[0]} (")
     assert parts_of.count("(") == 10
-    train = TaskGames(World(opened_kitchen, WordCraftConfig(part="train"))).begin(0)
+    train = TaskGames(World(opened_kitchen, WordCraftConfig(part="train"))).game(0)
     with pytest.raises(LeakError):
         knowledge.facts(entity, train)
 
@@ -334,7 +333,7 @@ def test_a_player_by_text_has_the_evaluation_of_a_player_by_slots(world):
     records = []
     for seed in range(2):
         for task in range(len(world.tasks)):
-            talk = Conversation(games.begin(task, seed))
+            talk = Conversation(games.game(task, seed))
             answer = " + ".join(ingredients(talk.game))
             # One task in three gets an answer that lacks an ingredient.
             talk.hear(answer if task % 3 else answer.partition(" + ")[2])
@@ -377,7 +376,7 @@ def test_look_ups_show_no_set_that_solves_the_task(world):
     games = TaskGames(world.variant(part="train"))
     knowledge = PartialGraphKnowledge(world.split)
     for task in range(len(games.world.tasks)):
-        game = games.begin(task)
+        game = games.game(task)
         assert hidden_pairs(game)
         recipe = game.tasks[game.task].plans[0][0]
         for label in recipe.ingredients:

@@ -12,10 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from wordcraft_kg.apps.text_agents import line_player
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
-from wordcraft_kg.apps.text_agents.games import DiscoveryGames
-from wordcraft_kg.apps.text_agents.line_player import MOST_CHARACTERS, LinePlayer, name_of
+from wordcraft_kg.apps.text_agents.plays import DiscoveryGames
+from wordcraft_kg.apps.text_agents.text_players import MOST_CHARACTERS, LinePlayer, name_of
 from wordcraft_kg.base.errors import ConfigError, PlayerError
 
 ORACLE = """
@@ -43,19 +42,20 @@ def let_play(player, game, **rules):
 def test_a_program_plays_game_after_game_in_one_process(games):
     with LinePlayer(program(ORACLE)) as player:
         for task in range(10):
-            talk = let_play(player, games.begin(task))
+            talk = let_play(player, games.game(task))
             assert (talk.game.is_made, talk.invalid_actions) == (True, 0)
 
 
-def test_a_line_has_all_that_a_program_needs(games, tmp_path):
-    log, first = tmp_path / "log", games.begin(0)
+def test_a_line_has_all_that_a_program_needs(games, opened_kitchen, tmp_path):
+    log, first = tmp_path / "log", games.game(0)
     echo = (
         f"import sys\nfor line in sys.stdin: open({str(log)!r}, 'a').write(line); print('1 1', "
         "flush=True)"
     )
     text, labels = Conversation(first).opening, list(first.labels)
+    open_ended = DiscoveryGames(opened_kitchen, attempts=2)
     with LinePlayer(program(echo)) as player:
-        for game in (first, games.begin(1), DiscoveryGames("kitchen", attempts=2).begin()):
+        for game in (first, games.game(1), open_ended.game()):
             let_play(player, game, max_invalid=0)
     lines = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
     expected = {
@@ -93,7 +93,7 @@ def test_a_line_has_all_that_a_program_needs(games, tmp_path):
 def test_a_program_that_breaks_the_protocol_is_an_error(games, code, fragment):
     def play():
         for task in range(3):
-            let_play(player, games.begin(task))
+            let_play(player, games.game(task))
             time.sleep(0.2)  # additional lines may take a moment
 
     with (
@@ -153,26 +153,6 @@ def test_a_program_does_not_see_keys_of_the_environment(monkeypatch, tmp_path):
     assert seen["WORDCRAFT_KG_DATA"] == str(tmp_path)
 
 
-def test_stderr_of_a_program_is_shown_safely_up_to_a_limit(capfd, monkeypatch):
-    """Stderr of a program is shown without control characters up to a limit."""
-    monkeypatch.setattr(line_player, "_MOST_LOG", 2_000)
-    code = (
-        "import sys; print('\\x1b[31mre\\td\\x07', 'x' * 10**6, file=sys.stderr); input(); "
-        "print('1 1')"
-    )
-    with LinePlayer(program(code)) as player:
-        assert player.ask("{}") == "1 1"
-    shown = capfd.readouterr().err
-    assert shown.startswith("<U+001B>[31mre\td<U+0007> xxx")
-    assert (
-        len(shown) < 3_000,
-        shown.endswith("more than 2,000 bytes on stderr; the rest is not shown\n"),
-    ) == (
-        True,
-        True,
-    )
-
-
 def test_a_json_string_is_an_answer_of_several_lines(games):
     """Quotes around an answer of one line, and a half of a character, are read as before."""
     for written, said in (
@@ -182,13 +162,13 @@ def test_a_json_string_is_an_answer_of_several_lines(games):
     ):
         code = f"for _ in open(0): print({written!r}, flush=True)"
         with LinePlayer(f"{shlex.quote(sys.executable)} -c {shlex.quote(code)}") as player:
-            assert player.speaker(Conversation(games.begin()))("") == said
+            assert player.speaker(Conversation(games.game()))("") == said
 
 
 def test_bytes_outside_utf_8_are_an_invalid_answer(games):
     code = "import os\nwhile True: input(); os.write(1, bytes([255, 254, 10]))"
     with LinePlayer(program(code)) as player:
-        talk = let_play(player, games.begin(0))
+        talk = let_play(player, games.game(0))
     assert (talk.lost_attempts, talk.game.is_made) == (1, False)
 
 
@@ -223,7 +203,7 @@ def test_the_examples_play(games, script, chat_server):
     with LinePlayer(shlex.join([sys.executable, str(path), *arguments])) as player:
         assert player.name == script
         for task in range(3):
-            talk = let_play(player, games.begin(task))
+            talk = let_play(player, games.game(task))
             assert (talk.invalid_actions, talk.game.attempts_left) == (0, 0)
 
 

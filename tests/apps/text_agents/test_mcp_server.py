@@ -25,15 +25,25 @@ from wordcraft_kg.agents.players import random_distinct
 from wordcraft_kg.apps.text_agents import conversation, mcp_server
 from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.commands.bench import bench_run
-from wordcraft_kg.apps.text_agents.conversation import Play
-from wordcraft_kg.apps.text_agents.game_records import GamesHeader
-from wordcraft_kg.apps.text_agents.hosted_games import NEVER, HostedGames, games_writer
-from wordcraft_kg.apps.text_agents.mcp_server import make_http_app, make_server, tools_hash
-from wordcraft_kg.apps.text_agents.results import evaluation_of, read_games, record_of
+from wordcraft_kg.apps.text_agents.conversation import NEVER
+from wordcraft_kg.apps.text_agents.mcp_server import (
+    HostedGames,
+    make_http_app,
+    make_server,
+    tools_hash,
+)
+from wordcraft_kg.apps.text_agents.plays import Play
+from wordcraft_kg.apps.text_agents.results import (
+    GamesHeader,
+    evaluation_of,
+    games_writer,
+    read_games,
+    record_of,
+)
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.apps.text_agents.submission import verify
 from wordcraft_kg.apps.web.serving import listen
-from wordcraft_kg.base.errors import ActionError, ArtefactError, ConfigError, EpisodeError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, EpisodeError
 from wordcraft_kg.envs.words import PROMPTS
 
 ROOT = Path(__file__).parents[3]
@@ -56,7 +66,7 @@ def hosted(**options):
     settings = GameSettings(
         **({"distractors": 3} if "open_ended" not in options else {}), **options
     )
-    return HostedGames(Play.open("kitchen", settings, max_invalid=NEVER, prompt_hash=tools_hash()))
+    return HostedGames(Play.open("kitchen", settings, max_invalid=NEVER))
 
 
 def connect(server, use, mode="auto"):
@@ -84,11 +94,11 @@ def play_by_tools(host, play, mode="auto"):
 @pytest.mark.parametrize("track", ["craft-1-lite", "discover-500-lite"])
 def test_the_games_of_a_benchmark_track_become_a_submission_that_verifies(tmp_path, track):
     opened = open_track(track)
-    host = HostedGames(opened.play(max_invalid=NEVER, prompt_hash=tools_hash()))
+    host = HostedGames(opened.play(max_invalid=NEVER))
     with games_writer(path := tmp_path / "games.jsonl", header_of(host)) as host.keep:
         for task in range(len(opened) - 1):
             begun = host.begin(0 if opened.is_open_ended else task)
-            begun.attempt("1", "2")
+            begun.combine("1", "2")
             begun.end()
         with pytest.raises(ConfigError, match=f"{len(opened) - 1} of {len(opened)} games"):
             bench_run(track, player=f"mcp:{path}", out=tmp_path / "out")
@@ -273,8 +283,7 @@ def test_messages_of_a_game_have_a_limit_and_are_gone_with_the_record(monkeypatc
     monkeypatch.setattr(conversation, "MOST_CHARACTERS", 1_000)
     game = hosted().begin()
     for _ in range(20):
-        with pytest.raises(ActionError):
-            game.attempt("x" * 200, "1")
+        assert game.combine("x" * 200, "1").startswith("Invalid answer: unknown item")
     assert len(game.messages) == 5
     game.end()
     assert game.messages == []
@@ -294,9 +303,8 @@ def test_each_game_that_is_over_is_in_the_file_once_and_the_file_goes_on(tmp_pat
     with games_writer(path, header) as host.keep:
         first = host.begin(5, distractor_seed=2)
         host.begin(6)  # never played
-        with pytest.raises(ValueError, match="unicorn"):
-            first.attempt("unicorn", "1")
-        first.attempt("1", "1")
+        invalid = first.combine("unicorn", "1").partition("\n\n")[0]
+        first.combine("1", "1")
         first.end()
         with (
             pytest.raises(ArtefactError, match="being written by another process"),
@@ -313,8 +321,8 @@ def test_each_game_that_is_over_is_in_the_file_once_and_the_file_goes_on(tmp_pat
         1,
         "same_twice",
     )
-    error = "unknown item 'unicorn': expected 1 to 5, an item name, or the start of a name."
-    assert one.messages[1:4] == ("unicorn + 1", error, "1 + 1")
+    assert invalid.startswith("Invalid answer: unknown item 'unicorn'")
+    assert one.messages[1:4] == ("unicorn + 1", invalid, "1 + 1")
     assert one.messages[4].startswith(f"{thing} + {thing} -> ")
     assert one.messages[4].endswith(f"You have no attempts left. You did not make {one.goal}.")
     assert (two.task, two.actions, two.messages[1:]) == (7, 0, ("end", "The game was ended early."))

@@ -22,10 +22,9 @@ from starlette.websockets import WebSocketDisconnect
 from tests.apps.text_agents.scripted import plan_pairs
 from wordcraft_kg import __version__
 from wordcraft_kg.apps.text_agents.benchmark import open_track, read_manifest
-from wordcraft_kg.apps.text_agents.game_records import GamesHeader
-from wordcraft_kg.apps.text_agents.hosted_games import GameList, games_writer, open_play
 from wordcraft_kg.apps.text_agents.openenv_server import CraftingSession, make_openenv_app
-from wordcraft_kg.apps.text_agents.results import read_games
+from wordcraft_kg.apps.text_agents.plays import GameList, open_play
+from wordcraft_kg.apps.text_agents.results import GamesHeader, games_writer, read_games
 from wordcraft_kg.apps.text_agents.submission import replay
 from wordcraft_kg.apps.text_agents.trl import CraftingEnvironment, crafting_rows
 
@@ -96,7 +95,7 @@ def test_a_plan_by_each_kind_of_action_earns_the_reward():
                 assert begun["observation"]["task_id"] == game.name
                 assert "Choose two of the listed items" in begun["observation"]["text"]
                 rewards = []
-                for pair in plan_pairs(game.play.games.begin(game.task)):
+                for pair in plan_pairs(game.play.game(game.task)):
                     last = seen(ask("step", act(pair)))
                     rewards.append(last["reward"])
                 assert sum(rewards) == 1
@@ -118,7 +117,7 @@ def test_a_row_of_the_data_set_a_name_and_an_index_are_the_same_game():
 
 
 def len_of(games, place):
-    return len(games.plays["train"][place].games.world.tasks)
+    return len(games.plays["train"][place].world.tasks)
 
 
 def test_a_seed_draws_the_same_game_in_each_session():

@@ -9,9 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from wordcraft_kg.apps.text_agents import results
-from wordcraft_kg.apps.text_agents.game_records import GAMES_FILE
-from wordcraft_kg.apps.text_agents.results import evaluation_of, read_games
+from wordcraft_kg.apps.text_agents.results import GAMES_FILE, evaluation_of, read_games
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.runs.run_folder import locked
@@ -71,14 +69,11 @@ def test_a_program_plays_the_tables_of_all_others_and_its_row_is_that_of_its_gam
 
 
 def test_a_full_disk_keeps_the_finished_games_and_says_so(play, games, monkeypatch):
-    write = results._write
-
-    def full(path, mode, line):
-        if path.stat().st_size > 2_000:
+    def full(file):
+        if os.fstat(file).st_size > 5_000:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        write(path, mode, line)
 
-    monkeypatch.setattr(results, "_write", full)
+    monkeypatch.setattr("os.fsync", full)
     outcome = play()
     assert (outcome.code, outcome.out) == (1, "")
     assert "No space left" in outcome.err
@@ -139,7 +134,7 @@ def test_games_of_another_player_or_other_settings_are_not_mixed(play, games):
     for changes, fragment in (
         ({"limit": 4}, "--tasks 3, and this command has 4"),
         ({"limit": 3, "seeds": 2}, "--distractor-seeds 1, and this command has 2"),
-        ({"limit": 3, "player": "other.py"}, "holds games by"),
+        ({"limit": 3, "player": "other.py"}, "holds games with --player player.py"),
     ):
         outcome = play(**changes)
         assert (outcome.code, outcome.out, fragment in outcome.err) == (1, "", True)

@@ -6,11 +6,12 @@ from pathlib import Path
 import gymnasium as gym
 import pytest
 from gymnasium.utils.env_checker import check_env
+from msgspec.structs import replace
 
 from tests.apps.text_agents.scripted import plan_pairs
-from wordcraft_kg.apps.text_agents.conversation import Play
-from wordcraft_kg.apps.text_agents.hosted_games import open_play
-from wordcraft_kg.apps.text_agents.settings import EvaluationSettings
+from wordcraft_kg.apps.text_agents.plays import Play, open_play
+from wordcraft_kg.apps.text_agents.results import record_of
+from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.apps.text_agents.text_env import LONGEST_ACTION, TextEnv
 from wordcraft_kg.apps.text_agents.trl import (
     CraftingEnvironment,
@@ -36,6 +37,11 @@ def begun(row, environment=None):
     return environment
 
 
+def record_in(environment):
+    environment.talk.game.end()
+    return replace(record_of(environment.talk), messages=())
+
+
 @pytest.mark.parametrize("depth", [1, 2])
 def test_the_pairs_of_a_plan_earn_the_reward(depth):
     for row in rows_of(depth=depth, tasks=20):
@@ -43,7 +49,7 @@ def test_the_pairs_of_a_plan_earn_the_reward(depth):
         *_, last = play(environment, row, plan_pairs(environment.talk.game))
         assert environment.get_reward() == 1
         assert "You made" in last
-        assert environment.record.success
+        assert record_in(environment).success
 
 
 def test_all_rollouts_of_a_row_play_the_same_game():
@@ -51,23 +57,23 @@ def test_all_rollouts_of_a_row_play_the_same_game():
     assert len(rows) == len({row["task_id"] for row in rows}) == 2 * 2 * 2 * 2
     pooled = CraftingEnvironment()
     for row in rows + rows[::-1]:
-        alone = begun(row).record
-        assert begun(row, pooled).record == alone
+        alone = record_in(begun(row))
+        assert record_in(begun(row, pooled)) == alone
         assert len(alone.table) >= row["distractors"] + 1
     # Other tables of a task have other distractors.
     first, second = (
-        begun(row).record.table for row in rows_of(depth=1, distractors=8, tables=2)[:2]
+        record_in(begun(row)).table for row in rows_of(depth=1, distractors=8, tables=2)[:2]
     )
     assert first != second
 
 
 def test_a_game_is_replayed_to_the_byte_from_its_row_and_pairs():
-    settings = EvaluationSettings(part="all", distractors=2, depth=2, distractor_seeds=3)
-    games = Play.open("kitchen", settings)
+    settings = GameSettings(part="all", distractors=2, depth=2)
+    games = Play.open("kitchen", settings, distractor_seeds=3)
     for row in rows_of(depth=2, tables=3, tasks=4):
         environment = begun(row)
         play(environment, row, [("1", "2"), *plan_pairs(environment.talk.game)])
-        record = environment.record
+        record = record_in(environment)
         again = games.begin(row["task"], row["distractor_seed"])
         for pair in record.pairs:
             again.combine(*pair)
@@ -82,9 +88,9 @@ def test_invalid_calls_are_counted_and_end_the_game_at_last():
         assert len(reply) < 1_000
         assert environment.talk.is_over == (call == 3)
     assert environment.talk.invalid_actions == 4
-    before = environment.record
+    before = record_in(environment)
     assert environment.combine("1", "2").startswith("This game is over.")
-    assert environment.record == before
+    assert record_in(environment) == before
     assert environment.get_reward() == 0
 
 

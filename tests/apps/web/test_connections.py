@@ -66,7 +66,7 @@ Served = namedtuple("Served", "process address port")
 
 @pytest.fixture(scope="module")
 def starting():
-    """Start servers; arguments set constants, such as HEADER_WAIT=1, and ``files`` limits the open
+    """Start servers; arguments set constants, such as CLIENT_WAIT=1, and ``files`` limits the open
     files."""
     with contextlib.ExitStack() as stack:
 
@@ -94,7 +94,7 @@ def starting():
 @pytest.fixture(scope="module")
 def impatient(starting):
     """A server with short deadlines, in seconds; tests read all that it prints about them."""
-    return starting("HEADER_WAIT=0.5", "BODY_WAIT=1.5", "READING_WAIT=1")
+    return starting("CLIENT_WAIT=1")
 
 
 def connect(served, data=b"", count=1):
@@ -162,7 +162,7 @@ def test_a_body_in_drops_ends_and_a_slow_one_is_read(impatient):
     late, slow = connect(impatient, FORM, 2)
     for _ in range(4):
         slow.sendall(b"x" * 25)
-        time.sleep(0.2)  # more than HEADER_WAIT together: the header is there
+        time.sleep(0.1)
     assert b"100 bytes" in slow.recv(1000)
     assert seconds_of_dripping(late, b"x") < 10
     assert impatient.process.stdout.readline() == "the form was not sent\n"

@@ -5,21 +5,20 @@ Read ``conversation`` first: it turns a *game* into prompts, and answers into at
 goal: discover entities). None of the files for playing needs torch, unless look-ups come from a
 trained scorer::
 
-    game = TaskGames(World.open("kitchen", WordCraftConfig(part="test"))).begin(task=0)
-    talk = Conversation(game)
+    talk = TaskGames(World.open("kitchen", WordCraftConfig(part="test"))).begin(task=0)
     print(talk.opening)
     print(talk.hear("flour + water"))
 
 What lies where:
 
-* rules: ``settings`` (options), ``games``, ``conversation`` (with facts to look up);
-* doors for players: ``line_player`` (programs), ``chat_server`` (models behind an address),
-  ``mcp_server`` with ``hosted_games`` (MCP clients), ``inspect_tasks`` (language models in Inspect
-  AI, and their logs);
-* doors for training: ``hosted_games`` (games by name and number), ``trl`` (an environment and a
-  data set), ``openenv_server``, ``text_env`` (Gymnasium), ``chats`` (to fine-tune on);
-* results: ``game_records`` (lines of ``games.jsonl``), ``results`` (play, resume, the same metrics
-  as agent evaluation);
+* rules: ``settings`` (options), ``games``, ``conversation`` (with facts to look up), ``plays``
+  (games by settings, by name and number, and by difficulty);
+* doors for players: ``text_players`` (programs, and models behind an address), ``mcp_server`` (MCP
+  clients), ``inspect_tasks`` (language models in Inspect AI, and their logs);
+* doors for training: ``trl`` (an environment and a data set), ``openenv_server``, ``text_env``
+  (Gymnasium), ``chats`` (to fine-tune on);
+* results: ``results`` (``games.jsonl``: record, play, resume; the same metrics as agent
+  evaluation);
 * the benchmark: ``benchmark`` (tracks), ``benchmark_players`` (kinds of players), ``submission``
   (write and verify);
 * ``browser_game``: a recipe book as a page that plays alone;

@@ -6,7 +6,6 @@ table as ids of a book, whose content hash guards the ids.
 
 import hashlib
 import json
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -16,10 +15,9 @@ from typing import Any, Literal, get_args
 import msgspec
 import numpy as np
 
-from wordcraft_kg.apps.text_agents.conversation import PartialGraphKnowledge, Play
-from wordcraft_kg.apps.text_agents.game_records import PlayedSettings
-from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
-from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, MAX_INVALID, LookUps
+from wordcraft_kg.apps.text_agents.conversation import PartialGraphKnowledge
+from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, Play, TaskGames
+from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.base import (
     ConfigError,
     Count,
@@ -31,7 +29,6 @@ from wordcraft_kg.base import (
     parse_record,
     read_small_file,
 )
-from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import (
@@ -39,7 +36,6 @@ from wordcraft_kg.graphs import (
     RecipeGraph,
     SplitConfig,
     TaskSet,
-    make_split,
     open_graph,
     padded,
 )
@@ -52,8 +48,6 @@ BOARD = MANIFEST.with_name("board.json")
 # apart, at a price that a language model's user can pay.
 LITE_TASKS = 100
 LITE_ATTEMPTS = 100
-# The first group is lazy: both endings belong to the name's form, not to the track's own name.
-_NAME = re.compile(r"(.+?)(-lite)?(-made-up)?")
 
 
 class FrozenBook(Record, frozen=True):
@@ -171,14 +165,12 @@ class Track:
     Attributes:
         name: name with endings, such as ``craft-8-lite``.
         benchmark: name and version of the benchmark.
-        book: name of the built-in book.
         frozen: the tasks or open-ended games, already shortened for a ``-lite`` track.
         opened: the book's graph with the track's split.
     """
 
     name: str
     benchmark: str
-    book: str
     frozen: FrozenTrack
     opened: OpenedGraph
 
@@ -220,25 +212,15 @@ class Track:
         """
         one_of("knowledge", look_ups, get_args(LookUps))
         frozen = self.frozen
-        fields: dict[str, Any] = {
-            "knowledge": look_ups,
-            "track": self.full_name,
-            "max_invalid": MAX_INVALID,
-            "look_ups": LOOK_UPS,
-        }
-        games: TaskGames | DiscoveryGames
-        played_in: World | OpenEndedEnv
-        if self.is_open_ended:
-            games = DiscoveryGames(self.opened, attempts=frozen.attempts, orders=frozen.orders)
-            played_in = games.env
-            fields["distractor_seeds"] = len(self)
-        else:
-            # The frozen table replaces the drawn one, so the distractor seed has no meaning.
-            games = TaskGames(self.world, lambda task, _: [*frozen.tasks[task].table])
-            played_in = games.world
-        settings = PlayedSettings.of(played_in, self.opened.split, **(fields | rules))
         knowledge = PartialGraphKnowledge(self.opened.split) if look_ups == "partial" else None
-        return Play(games, settings, knowledge)
+        rules = {"track": self.full_name, **rules}
+        if self.is_open_ended:
+            rules |= {"attempts": frozen.attempts, "orders": frozen.orders}
+            return DiscoveryGames(self.opened, knowledge, distractor_seeds=len(self), **rules)
+        # The frozen table replaces the drawn one, so the distractor seed has no meaning.
+        return TaskGames(
+            self.world, knowledge, table=lambda task, _: [*frozen.tasks[task].table], **rules
+        )
 
 
 @cache
@@ -256,26 +238,23 @@ def open_track(name: str) -> Track:
             "-lite or -made-up."
             f"{nearest(name, manifest.names)}"
         )
-    match = _NAME.fullmatch(name)
-    assert match is not None
-    track_name, is_lite, has_made_up_words = match.groups()
-    frozen = manifest.tracks[track_name]
-    if is_lite:
+    base_name = name.removesuffix("-made-up")
+    frozen = manifest.tracks[base_name.removesuffix("-lite")]
+    if base_name.endswith("-lite"):
         frozen = _shortened(frozen)
     plain, made_up = manifest.books
-    book = made_up if has_made_up_words else plain
-    return Track(name, manifest.name, book, frozen, _book_with_split(book, frozen.split))
+    book = made_up if name.endswith("-made-up") else plain
+    return Track(name, manifest.name, frozen, _book_with_split(book, frozen.split))
 
 
 def _book_with_split(book: str, kind: str) -> OpenedGraph:
     manifest, _ = read_manifest()
-    graph = open_graph(book).graph
-    split = make_split(graph, SplitConfig(kind))
+    opened = open_graph(book, SplitConfig(kind))
     frozen = manifest.books[book]
     # The tasks are ids and rows: in another state of the book they would name other entities.
     for subject, has, expected in (
-        ("the book", graph.hash, frozen.hash),
-        ("the split of", split.hash, frozen.splits[kind]),
+        ("the book", opened.graph.hash, frozen.hash),
+        ("the split of", opened.split.hash, frozen.splits[kind]),
     ):
         if has != expected:
             raise GraphMismatchError(
@@ -283,7 +262,7 @@ def _book_with_split(book: str, kind: str) -> OpenedGraph:
                 f"{expected[:12]}. Install "
                 "the version of wordcraft-kg that has this book."
             )
-    return OpenedGraph(graph, split, book)
+    return opened
 
 
 def _shortened(frozen: FrozenTrack) -> FrozenTrack:
@@ -302,24 +281,17 @@ def task_set(graph: RecipeGraph, depth: int, tasks: Sequence[FrozenTask]) -> Tas
         depth: recipes in a plan; a plan needs at most ``depth + 1`` entities at the start.
         tasks: frozen tasks in order.
     """
-    recipes = graph.recipes.tolist()
-
-    def needed(plan: Rows) -> set[int]:
-        """Return the ingredients that the plan does not make itself."""
-        ingredients: set[int] = set()
-        results: set[int] = set()
-        for row in plan:
-            first, second, result = recipes[row]
-            ingredients |= {first, second}
-            results.add(result)
-        return ingredients - results
-
-    starts: list[list[int]] = []
+    starts = []
+    goals = []
     for task in tasks:
-        ingredients_by_plan = [needed(plan) for plan in task.plans]
-        starts.append(sorted(set[int]().union(*ingredients_by_plan)))
-    goals = np.array([recipes[task.plans[0][-1]][2] for task in tasks])
+        start: set[int] = set()
+        for plan in task.plans:
+            recipes = graph.recipes[list(plan)]
+            # What the plan does not make itself.
+            start |= {*recipes[:, :2].ravel().tolist()} - {*recipes[:, 2].tolist()}
+        starts.append(sorted(start))
+        goals.append(graph.recipes[task.plans[0][-1], 2])
     # Padding is `num_entities`, the id of an empty slot.
     table = padded(starts, graph.num_entities, depth + 1)
     plans = tuple(task.plans for task in tasks)
-    return TaskSet(graph, depth, "test", goals, table, plans, False, 0)
+    return TaskSet(graph, depth, "test", np.array(goals), table, plans, False, 0)

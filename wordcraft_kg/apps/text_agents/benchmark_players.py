@@ -15,15 +15,14 @@ import numpy as np
 
 from wordcraft_kg.agents.discovery import Discoverer, RandomDiscoverer, make_discoverers
 from wordcraft_kg.apps.text_agents.benchmark import Track, open_track, read_manifest
-from wordcraft_kg.apps.text_agents.chat_server import KEY, ChatServer
-from wordcraft_kg.apps.text_agents.game_records import (
+from wordcraft_kg.apps.text_agents.games import Picks
+from wordcraft_kg.apps.text_agents.results import (
     GAMES_FILE,
     GameRecord,
-    PlayedSettings,
+    GamesHeader,
+    play_all,
+    read_games,
 )
-from wordcraft_kg.apps.text_agents.games import Picks
-from wordcraft_kg.apps.text_agents.line_player import LinePlayer
-from wordcraft_kg.apps.text_agents.results import TextPlayer, play_all, read_games
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
 from wordcraft_kg.apps.text_agents.submission import (
     LONGEST_NAME,
@@ -36,6 +35,7 @@ from wordcraft_kg.apps.text_agents.submission import (
     read_submission_file,
     replay,
 )
+from wordcraft_kg.apps.text_agents.text_players import ChatServer, LinePlayer, TextPlayer
 from wordcraft_kg.base import (
     ArtefactError,
     ConfigError,
@@ -214,18 +214,15 @@ def discoveries(track: Track, player: Discoverer) -> list[GameRecord]:
     return games
 
 
-def _scripted(kind: str) -> Callable[[Track, str, RunSettings], Entrant]:
-    def enter(track: Track, argument: str, settings: RunSettings) -> Entrant:
-        name, in_world = _SCRIPTED[kind]
-        if track.is_open_ended and in_world:
-            player: Discoverer = RandomDiscoverer()
-            if kind != "random":
-                (player,) = make_discoverers([in_world], track.opened.graph).values()
-            return Entrant(name, discoveries(track, player), _KNOWS[kind], _OWN_LICENCE)
-        name, chooser = named_player(kind, track.opened, track.world.tasks)
-        return Entrant(name, decisions(track, chooser), _KNOWS[kind], _OWN_LICENCE)
-
-    return enter
+def _scripted(track: Track, argument: str, settings: RunSettings, *, kind: str) -> Entrant:
+    name, in_world = _SCRIPTED[kind]
+    if track.is_open_ended and in_world:
+        player: Discoverer = RandomDiscoverer()
+        if kind != "random":
+            (player,) = make_discoverers([in_world], track.opened.graph).values()
+        return Entrant(name, discoveries(track, player), _KNOWS[kind], _OWN_LICENCE)
+    name, chooser = named_player(kind, track.opened, track.world.tasks)
+    return Entrant(name, decisions(track, chooser), _KNOWS[kind], _OWN_LICENCE)
 
 
 def _words(track: Track, vectors: str, settings: RunSettings) -> Entrant:
@@ -256,7 +253,7 @@ def _with_model(
     name = Path(folder).name
     # A model of another book has seen none of these recipes, so its split does not matter.
     if model_graph.graph.hash == graph.hash:
-        _check_split(folder, model_graph.split.hash, track)
+        check_graph(folder, model_graph, track.opened)
     about: dict[str, Any] = {
         "training_data": _learned_from(model, track, model.kg),
         "weights": {WEIGHTS: model.run.outputs[WEIGHTS]},
@@ -354,8 +351,9 @@ def check_graph(folder: str, model_graph: OpenedGraph, opened: OpenedGraph) -> N
     expected = (opened.graph.hash, opened.split.hash)
     if hashes != expected:
         raise GraphMismatchError(
-            f"'{folder}' is of graph {hashes[0][:12]} and split {hashes[1][:12]}; expected "
-            f"{expected[0][:12]} and {expected[1][:12]}. Give the graph on which it was trained."
+            f"'{folder}' was trained on graph {hashes[0][:12]} and split {hashes[1][:12]}; "
+            f"expected {expected[0][:12]} and {expected[1][:12]}, a split of {opened.graph.name}. "
+            "Train on this graph and split, or choose another folder."
         )
 
 
@@ -391,7 +389,7 @@ def _agent(track: Track, argument: str, settings: RunSettings) -> Entrant:
     from wordcraft_kg.runs.record import check_done
 
     agent = open_agent(argument)
-    _check_split(argument, agent.opened.split.hash, track)
+    check_graph(argument, agent.opened, track.opened)
     check_done(Path(argument), agent.run)
     weights = {_POLICY: agent.run.outputs[_POLICY]}
     # Even an agent without a knowledge graph has met the train recipes: its tasks are made of them.
@@ -413,29 +411,14 @@ def _agent(track: Track, argument: str, settings: RunSettings) -> Entrant:
     return Entrant(agent.name, decisions(track, PolicyPlayer(agent.policy)), knows, weights=weights)
 
 
-def _check_split(folder: str, split: str, track: Track) -> None:
-    if split != track.opened.split.hash:
-        raise GraphMismatchError(
-            f"'{folder}' was trained on split {split[:12]}; {track.name} has the "
-            f"{track.frozen.split} split "
-            f"{track.opened.split.hash[:12]} of {track.book}. Build this graph with build-graph, "
-            "and train on it."
-        )
-
-
 def _program(track: Track, argument: str, settings: RunSettings) -> Entrant:
     with LinePlayer(argument, timeout=settings.timeout) as program:
         return _played(track, settings, program)
 
 
 def _openai(track: Track, argument: str, settings: RunSettings) -> Entrant:
-    if settings.base_url is None:
-        raise ConfigError(
-            "`base_url`: expected the address of a chat completions API, such as "
-            "http://127.0.0.1:8000/v1. Its key is read from the environment variable "
-            f"{KEY}."
-        )
-    server = ChatServer(argument, settings.base_url, settings.timeout)
+    # No address is none of HTTP either: the server refuses it.
+    server = ChatServer(argument, settings.base_url or "", settings.timeout)
     parallel = whole("parallel", settings.parallel, 1, 256)
     return _played(track, settings, server, parallel)
 
@@ -450,28 +433,24 @@ def _played(track: Track, settings: RunSettings, player: TextPlayer, parallel: i
         parallel=parallel,
         is_replacing=settings.is_replacing,
     )
-    return _recorded(track, settings, player.name, play.settings, played)
+    header = GamesHeader(player=player.name, settings=play.settings)
+    return _recorded(track, settings, header, played)
 
 
 def _inspect(track: Track, argument: str, settings: RunSettings) -> Entrant:
     from wordcraft_kg.apps.text_agents.inspect_tasks import read_inspect_log  # loads Inspect AI
 
-    logged = read_inspect_log(argument)
-    entrant = _recorded(track, settings, logged.model, logged.settings, logged.games)
-    return replace(entrant, tokens=logged.tokens)
+    header, played, tokens = read_inspect_log(argument)
+    return replace(_recorded(track, settings, header, played), tokens=tokens)
 
 
 def _games(track: Track, argument: str, settings: RunSettings) -> Entrant:
     header, played, _ = read_games(Path(argument))
-    return _recorded(track, settings, header.player, header.settings, played)
+    return _recorded(track, settings, header, played)
 
 
 def _recorded(
-    track: Track,
-    run: RunSettings,
-    name: str,
-    settings: PlayedSettings,
-    played: Sequence[GameRecord],
+    track: Track, run: RunSettings, header: GamesHeader, played: Sequence[GameRecord]
 ) -> Entrant:
     """Return the decisions in recorded games, in the order of the track.
 
@@ -480,17 +459,17 @@ def _recorded(
     Args:
         track: the track that was played.
         run: the settings of this command.
-        name: the player's name.
-        settings: the recorded settings.
+        header: the player's name, and the recorded settings.
         played: the recorded games in any order, some perhaps several times.
 
     Raises:
         ConfigError: for games of another track, with other look-ups, or if a game is missing:
             a selection of games is no result for the track.
     """
+    settings = header.settings
     if settings.track != track.full_name:
         raise ConfigError(
-            f"the games of '{name}' are of {settings.track or 'no track'}; expected "
+            f"the games of '{header.player}' are of {settings.track or 'no track'}; expected "
             f"{track.full_name}. Play the track "
             f"with `inspect eval wordcraft_kg/crafting -T track={track.name}` or `mcp --track "
             f"{track.name}`."
@@ -499,32 +478,34 @@ def _recorded(
         raise ConfigError(
             f"`look_ups` {run.look_ups}: the games have {settings.knowledge}; give the same."
         )
-    numbers = [game.distractor_seed if track.is_open_ended else game.task for game in played]
-    # From the last to the first: the first game of a task stays, so that nobody plays again until
-    # the result is good.
-    first = {numbers[place]: place for place in reversed(range(len(played)))}
-    if missing := set(range(len(track))) - first.keys():
+    games: dict[int, GameRecord] = {}
+    for game in played:
+        # The first game of a task stays, so that nobody plays again until the result is good.
+        games.setdefault(game.distractor_seed if track.is_open_ended else game.task, game)
+    if missing := set(range(len(track))) - games.keys():
         raise ConfigError(
             f"{len(track) - len(missing)} of {len(track)} games of {track.name} were played; play "
             f"game {min(missing)}."
         )
-    records = [played[first[number]] for number in range(len(track))]
-    return Entrant(name, records, prompt_hash=settings.prompt_hash)
+    records = [games[number] for number in range(len(track))]
+    return Entrant(header.player, records, prompt_hash=settings.prompt_hash)
 
 
 KINDS: Registry[Kind] = Registry(
     "wordcraft_kg.bench_players",
     {
-        "random": Kind("chance", "", _scripted("random")),
+        "random": Kind("chance", "", partial(_scripted, kind="random")),
         "nearest-words": Kind(
             "the items with the words nearest to the goal, by the best built-in vectors",
             "",
-            _scripted("nearest-words"),
+            partial(_scripted, kind="nearest-words"),
         ),
         "words": Kind("the same by other vectors, such as words:glove", "VECTORS", _words),
-        "votes": Kind("votes of the train recipes on pairs", "", _scripted("votes")),
-        "graph": Kind("links of the train recipes, without learning", "", _scripted("graph")),
-        "oracle": Kind("knows all recipes", "", _scripted("oracle")),
+        "votes": Kind("votes of the train recipes on pairs", "", partial(_scripted, kind="votes")),
+        "graph": Kind(
+            "links of the train recipes, without learning", "", partial(_scripted, kind="graph")
+        ),
+        "oracle": Kind("knows all recipes", "", partial(_scripted, kind="oracle")),
         "scorer": Kind(
             "the best pair by a model's scores", "MODEL", partial(_with_model, names=_BEST_PAIR)
         ),
@@ -640,12 +621,9 @@ def prompts_of(entrant: Entrant, declared_hash: str | None) -> dict[str, Any]:
     """
     prompt_hash = entrant.prompt_hash
     standard = read_manifest()[0].prompts.values()
-    if declared_hash is not None or (prompt_hash is not None and prompt_hash not in standard):
+    kind = "none" if prompt_hash is None else "standard"
+    if declared_hash is not None or prompt_hash not in (None, *standard):
         kind = "custom"
-    elif prompt_hash is None:
-        kind = "none"
-    else:
-        kind = "standard"
     return {"prompts": kind, "prompt_hash": declared_hash or prompt_hash}
 
 

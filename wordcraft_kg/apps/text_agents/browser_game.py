@@ -76,7 +76,6 @@ def export_game(
         ConfigError: if the book has more than :data:`MOST_EXPORTED` recipes, or no base.
         OutputExistsError: if the file exists and ``force`` is False, or ``path`` is a folder.
     """
-    _check_base(graph)
     if graph.num_recipes > MOST_EXPORTED:
         raise ConfigError(
             f"--export {path}: found {graph.num_recipes:,} recipes; a page holds at most "
@@ -97,7 +96,6 @@ def make_game_app(graph: RecipeGraph, host: str, icons: Mapping[int, str] = NO_I
     Raises:
         ConfigError: if the book has no base.
     """
-    _check_base(graph)
     page = _page(graph, icons, footer=SERVED, policy="")
 
     def missing(message: str) -> Response:
@@ -113,15 +111,6 @@ def make_game_app(graph: RecipeGraph, host: str, icons: Mapping[int, str] = NO_I
     routes = [Route("/", game), Route("/files/{name}", files), Route("/{path:path}", elsewhere)]
     router = Router(routes, redirect_slashes=False)
     return Guard(router, host, (), lambda _, message: message, media_type="text/plain")
-
-
-def _check_base(graph: RecipeGraph) -> None:
-    """Refuse a book in which every entity has a recipe: a player could never begin."""
-    if not len(graph.base_ids):
-        raise ConfigError(
-            f"{graph.name} has no base: found a recipe for each entity. Name the entities that a "
-            "player begins with in a line above the table: # base: water, earth"
-        )
 
 
 def _exported_page(graph: RecipeGraph, icons: Mapping[int, str]) -> str:
@@ -140,20 +129,22 @@ def _exported_page(graph: RecipeGraph, icons: Mapping[int, str]) -> str:
 
 
 def _page(graph: RecipeGraph, icons: Mapping[int, str], **values: Any) -> str:
+    # If every entity has a recipe, a player could never begin.
+    if not len(graph.base_ids):
+        raise ConfigError(
+            f"{graph.name} has no base: found a recipe for each entity. Name the entities that a "
+            "player begins with in a line above the table: # base: water, earth"
+        )
+    rows = graph.sets.tolist()
     book = {
         "key": graph.hash,
         "labels": list(graph.entities),
         "base": graph.base_ids.tolist(),
-        "recipes": _rows(graph),
+        # The ids of each recipe's ingredients and result, without padding.
+        "recipes": [[entity for entity in row if entity != graph.num_entities] for row in rows],
         "icons": dict(icons),
     }
     # Without "<", no label can end the element that holds the book.
     text = json.dumps(book, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
     template = make_environment(PACKAGE).get_template("game.html.j2")
     return template.render(name=graph.name, book=Markup(text), **values)
-
-
-def _rows(graph: RecipeGraph) -> list[list[int]]:
-    """Return the ids of each recipe's ingredients and result, as the page reads them."""
-    rows = graph.sets.tolist()
-    return [[entity for entity in row if entity != graph.num_entities] for row in rows]

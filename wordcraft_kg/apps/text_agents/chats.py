@@ -18,10 +18,9 @@ import numpy as np
 
 from wordcraft_kg.apps.text_agents.benchmark import read_manifest
 from wordcraft_kg.apps.text_agents.benchmark_players import check_graph, decided_pairs
-from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
-from wordcraft_kg.apps.text_agents.games import Picks, TaskGame, TaskGames
-from wordcraft_kg.apps.text_agents.hosted_games import NamedGame
-from wordcraft_kg.apps.text_agents.results import chosen_tasks
+from wordcraft_kg.apps.text_agents.conversation import Conversation
+from wordcraft_kg.apps.text_agents.games import Picks, TaskGame
+from wordcraft_kg.apps.text_agents.plays import NamedGame, Play, chosen_tasks
 from wordcraft_kg.base import (
     MAX_SIZE,
     ConfigError,
@@ -279,7 +278,6 @@ def chat_rows(
                 f"`part` {play.settings.part}: expected train; conversations of other tasks would "
                 "tell a language model what the benchmark asks it."
             )
-        assert isinstance(play.games, TaskGames)
         # A generator for each depth and number of distractors: others do not change its games.
         key = [settings.seed, play.settings.depth or 0, play.settings.distractors or 0]
         rng = np.random.default_rng(key)
@@ -323,8 +321,7 @@ def _played(
     play: Play, player: "Player", settings: ChatSettings, rng: np.random.Generator
 ) -> Iterator[tuple[Conversation, Sequence[Picks | None]]]:
     """Yield each game's conversation at its beginning, and the player's pairs."""
-    assert isinstance(play.games, TaskGames)
-    world = play.games.world
+    world = play.world
     graph = world.graph
     tasks = np.tile(chosen_tasks(world, settings.tasks, settings.difficulty), settings.tables)
     # Each game has a seed of its own: with a seed for each table, a task would meet the same
@@ -353,8 +350,10 @@ def _said(
     """Play a game again in words; return all messages, and the places of mistakes."""
     by_tool = settings.style == "tools"
     rules = worded_rules(talk, wording, by_tool=by_tool)
-    messages: list[Message] = [{"role": "system", "content": rules}]
-    messages.append({"role": "user", "content": talk.game.state})
+    messages: list[Message] = [
+        {"role": "system", "content": rules},
+        {"role": "user", "content": talk.game.state},
+    ]
     if by_tool:
         messages = [{"role": "user", "content": f"{rules}\n\n{talk.game.state}"}]
     mistakes: list[int] = []

@@ -7,27 +7,27 @@ OpenEnv, TRL, Gymnasium or Inspect.
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar
 
-import msgspec
 import numpy as np
 
-from wordcraft_kg.apps.text_agents.game_records import PlayedSettings
-from wordcraft_kg.apps.text_agents.games import DiscoveryGames, Game, TaskGame, TaskGames
+from wordcraft_kg.apps.text_agents.games import Game, TaskGame
 from wordcraft_kg.apps.text_agents.settings import (
-    ATTEMPTS,
     LOOK_UPS,
     MAX_INVALID,
-    EvaluationSettings,
     GameSettings,
+    KnowledgeKind,
 )
-from wordcraft_kg.base import ActionError, EpisodeError, GraphMismatchError, LeakError, counted
+from wordcraft_kg.base import (
+    MAX_SIZE,
+    ActionError,
+    GraphMismatchError,
+    LeakError,
+    counted,
+)
 from wordcraft_kg.base.answers import answer_line, read_answer, read_set
 from wordcraft_kg.base.labels import read_label
 from wordcraft_kg.envs.words import combined, prompt_text
-from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import (
     COMBINES_WITH,
     COMPONENT_OF,
@@ -36,7 +36,6 @@ from wordcraft_kg.graphs import (
     Split,
     TrainedOn,
     layers,
-    open_graph,
 )
 
 if TYPE_CHECKING:
@@ -52,6 +51,7 @@ class Knowledge(ABC):
     """Base class for facts to look up.
 
     Attributes:
+        kind: the kind's name in settings.
         scorer: hash of a scorer's weights; None for facts without a scorer.
         kg: training triples of the scorer (full or partial); one of the full graph remembers the
             test recipes. None for facts without a scorer.
@@ -59,6 +59,7 @@ class Knowledge(ABC):
 
     scorer: str | None = None
     kg: TrainedOn | None = None
+    kind: ClassVar[KnowledgeKind]
     _prompt: ClassVar[str]
 
     @abstractmethod
@@ -103,6 +104,7 @@ class PartialGraphKnowledge(Knowledge):
     its other uses.
     """
 
+    kind = "partial"
     _prompt = "known_recipes"
 
     def __init__(self, split: Split):
@@ -148,6 +150,7 @@ class ScorerKnowledge(Knowledge):
     of these high.
     """
 
+    kind = "scorer"
     _prompt = "likely_links"
 
     def __init__(
@@ -266,8 +269,10 @@ LONGEST_ITEM = 1_000
 """Characters of an item that are read: more than the longest label."""
 MOST_ITEMS = 100
 """Items of a set that are read: more than the largest recipe has."""
+NEVER = MAX_SIZE
+"""Value of ``max_invalid`` without a limit: invalid messages never cost an attempt."""
 MOST_CHARACTERS = 200_000
-"""Noted characters of a game by tools: a thousand games stay below about 200 MiB."""
+"""Noted characters of a game without that limit: a thousand games stay below about 200 MiB."""
 # Language models write "look up", "look-up" and "lookup", with and without a colon.
 _LOOK_UP = re.compile(r"look[\s-]*up\b[\s:]*(.*)", re.IGNORECASE)
 
@@ -280,9 +285,7 @@ class Conversation:
     ``look up`` and a label is a request for facts. An invalid message costs nothing, but after
     ``max_invalid`` in a row the next costs an attempt, so every conversation ends.
 
-    Tools act by :meth:`combine` and :meth:`look_up_item`, with replies as for messages. A server
-    whose tools reject invalid input uses :meth:`attempt` and :meth:`consult`: rejected calls cost
-    nothing.
+    Tools act by :meth:`combine` and :meth:`look_up_item`, with replies as for messages.
 
     Attributes:
         game: the game.
@@ -291,17 +294,18 @@ class Conversation:
         lost_attempts: number of attempts lost by them.
         look_ups: number of entities that were looked up.
         reward: reward of the last action.
+        outcome: result of the last action, without the state.
+        is_invalid: whether the last message was not understood.
+        facts: label and facts of the last look-up.
         opening: first prompt to the player: rules and state at the start.
-        messages: all prompts and answers in turn; of games by :meth:`attempt` as far as there is
-            room, and without states in between.
+        messages: all prompts and answers in turn; with :data:`NEVER` as far as there is room, and
+            without states in between.
         on_end: called when the game is over, and again by :meth:`end`; an OSError says that the
             game could not be recorded. None calls nothing.
-        is_recorded: whether :attr:`on_end` has taken the game.
 
     Example:
         >>> world = World.open("kitchen", WordCraftConfig(part="test", num_distractors=2))
-        >>> games = TaskGames(world)
-        >>> talk = Conversation(games.begin(task=0))
+        >>> talk = TaskGames(world).begin(task=0)
         >>> talk.opening.splitlines()[-1]
         'Attempts left: 1'
         >>> talk.hear("1 + unicorn").splitlines()[0][:15], talk.game.attempts_left
@@ -330,8 +334,10 @@ class Conversation:
         self.lost_attempts = 0
         self.look_ups = 0
         self.reward = 0.0
+        self.outcome = ""
+        self.is_invalid = False
+        self.facts: tuple[str, list[str]] = ("", [])
         self.on_end: Callable[[Conversation], None] | None = None
-        self.is_recorded = False
         self._knowledge = knowledge
         self._max_invalid = max_invalid
         self._most_look_ups = look_ups
@@ -393,38 +399,7 @@ class Conversation:
     def look_up_item(self, item: str) -> str:
         """Look up an item by label, as a tool does; returns the reply as :meth:`combine`."""
         label = item[:LONGEST_ITEM]
-        return self._answer(f"look up {label}", lambda: self._look_up(label)[2])
-
-    def attempt(self, *items: str) -> str:
-        """Make an attempt with two items, or a set, by label or number; invalid ones cost nothing.
-
-        Returns:
-            The outcome, without the state of the game.
-
-        Raises:
-            ActionError: if an item is not at hand, or a name fits several.
-            EpisodeError: if the game is over.
-            OSError: if the game is over now, and cannot be recorded.
-        """
-        message = " + ".join(items)
-        with self._rejecting(message):
-            outcome = self._combine(items)
-        self._note(message, f"{outcome}\n\n{self.game.state}" if self.is_over else outcome)
-        self._report_end()
-        return outcome
-
-    def consult(self, item: str) -> tuple[str, list[str], str]:
-        """Look up an entity; return label, facts as lines, and facts as a text.
-
-        Raises:
-            ActionError: for an unknown item, or if no look-up is left.
-            EpisodeError: if the game is over.
-        """
-        message = f"look up {item}"
-        with self._rejecting(message):
-            label, facts, reply = self._look_up(item)
-        self._note(message, "\n".join(facts))
-        return label, facts, reply
+        return self._answer(f"look up {label}", lambda: self._look_up(label))
 
     def end(self) -> None:
         """Give up the game if it is not over.
@@ -437,21 +412,10 @@ class Conversation:
             self._note("end", self.game.state)
         self._report_end()
 
-    @contextmanager
-    def _rejecting(self, message: str) -> Iterator[None]:
-        """Count and note an invalid call, and pass its error on."""
-        if self.is_over:
-            raise EpisodeError(f"{self.after_the_end} Start a new game.")
-        try:
-            yield
-        except ActionError as error:
-            self.invalid_actions += 1
-            self._note(message, str(error))
-            raise
-
     def _note(self, message: str, answer: str) -> None:
-        # A client may send invalid calls without end; they cost no attempt, so this bounds memory.
-        self._room -= len(message) + len(answer) + 100  # for two objects
+        # Invalid messages that cost no attempt may come without end, so this bounds memory.
+        if self._max_invalid == NEVER:
+            self._room -= len(message) + len(answer) + 100  # for two objects
         if self._room > 0 or self.is_over:
             self.messages += [message, answer]
 
@@ -462,14 +426,17 @@ class Conversation:
     def _answer(self, message: str, act: Callable[[], str]) -> str:
         """Carry out an attempt or look-up; return its outcome and the new state."""
         reward_before = self.game.reward
+        self.is_invalid = False
         try:
-            outcome = act()
+            self.outcome = act()
             self._in_a_row = 0
         except ActionError as error:
-            outcome = self._reject(str(error))
-        reply = f"{outcome}\n\n{self.game.state}"
+            self.is_invalid = True
+            self.outcome = self._reject(str(error))
+        reply = f"{self.outcome}\n\n{self.game.state}"
         self.reward = self.game.reward - reward_before
-        self.messages += [message, reply]
+        has_state = self.is_over or self._max_invalid < NEVER
+        self._note(message, reply if has_state else self.outcome)
         self._report_end()
         return reply
 
@@ -483,13 +450,13 @@ class Conversation:
         # Without knowledge "look up" is an ordinary word: an entity may have this label.
         look_up = _LOOK_UP.fullmatch(line) if self._knowledge is not None else None
         if look_up is not None:
-            return self._look_up(look_up[1])[2]
+            return self._look_up(look_up[1])
         if self.game.most_picks:
             return self.game.combine(*read_set(message, self.game.labels, self.game.most_picks))
         return self.game.combine(*read_answer(message, self.game.labels))
 
-    def _look_up(self, item: str) -> tuple[str, list[str], str]:
-        """Count a look-up, and return an entity's label, its facts as lines, and as a reply.
+    def _look_up(self, item: str) -> str:
+        """Count a look-up, and return an entity's facts as a reply.
 
         The entity need not be at hand.
 
@@ -504,8 +471,8 @@ class Conversation:
         facts = self._knowledge.facts(entity, self.game)
         # Only now: a look-up that failed is not counted.
         self.look_ups += 1
-        label = entities[entity]
-        return label, facts, self._knowledge.reply(label, facts)
+        self.facts = (entities[entity], facts)
+        return self._knowledge.reply(*self.facts)
 
     def _reject(self, reason: str) -> str:
         self.invalid_actions += 1
@@ -532,86 +499,3 @@ def converse(talk: Conversation, answer: Callable[[str], str]) -> list[str]:
     while not talk.is_over:
         talk.hear(answer(talk.messages[-1]))
     return talk.messages
-
-
-@dataclass(frozen=True)
-class Play:
-    """Games with settings and facts to look up.
-
-    Attributes:
-        games: tasks or open-ended games.
-        settings: settings as recorded with each game.
-        knowledge: source of look-ups; None offers none.
-
-    Raises:
-        LeakError: if look-ups would leak train recipes on train tasks.
-    """
-
-    games: TaskGames | DiscoveryGames
-    settings: PlayedSettings
-    knowledge: Knowledge | None = None
-
-    def __post_init__(self) -> None:
-        if self.knowledge is not None:
-            # A leak shows with the first look-up: found here, it costs no game.
-            self.knowledge.facts(0, self.games.begin())
-
-    @classmethod
-    def open(
-        cls, graph: str, settings: GameSettings, *, reward: str = "sparse", **rules: Any
-    ) -> Self:
-        """Prepare the games on a graph.
-
-        Args:
-            graph: graph folder, recipe book file, or name of a built-in book.
-            settings: the games.
-            reward: reward preset of tasks, see :data:`~wordcraft_kg.envs.world_config.REWARDS`.
-            rules: further fields of
-                :class:`~wordcraft_kg.apps.text_agents.game_records.PlayedSettings` to record.
-
-        Raises:
-            ConfigError: for settings that do not fit the graph, or an unknown reward.
-            GraphMismatchError: if the scorer is of another graph or split.
-            LeakError: if a scorer would reveal its train recipes on train tasks.
-            TaskError: if the graph has no task for these settings.
-            RecipeFileError: if there is no such graph, or a book cannot be read.
-            ArtefactError: if the scorer's folder or a graph folder is unfinished or damaged.
-        """
-        opened = open_graph(graph)
-        knowledge = open_knowledge(settings, opened)
-        rules |= {"knowledge": settings.knowledge, "look_ups": settings.look_ups}
-        if isinstance(settings, EvaluationSettings):
-            rules |= {
-                "distractor_seeds": settings.distractor_seeds,
-                "tasks": settings.tasks,
-                "max_invalid": settings.max_invalid,
-            }
-        if knowledge is not None:
-            rules |= {"scorer": knowledge.scorer, "kg": knowledge.kg}
-        if settings.open_ended:
-            worlds = DiscoveryGames(
-                opened, attempts=settings.attempts or ATTEMPTS, base=settings.base
-            )
-            return cls(worlds, PlayedSettings.of(worlds.env, opened.split, **rules), knowledge)
-        tasks = TaskGames(World(opened, replace(settings.environment, reward=reward)))
-        return cls(tasks, PlayedSettings.of(tasks.world, opened.split, **rules), knowledge)
-
-    def with_prompts(self, prompt_hash: str) -> "Play":
-        """Return the games as played by other prompts, such as a server's tools."""
-        return replace(
-            self, settings=msgspec.structs.replace(self.settings, prompt_hash=prompt_hash)
-        )
-
-    def begin(self, task: int = 0, distractor_seed: int = 0) -> Conversation:
-        """Begin a game on a task (index) with the distractors for this seed.
-
-        In the open-ended world the task is ignored, and the seed is the number of the game.
-
-        Raises:
-            ConfigError: if there is no such task or seed.
-        """
-        rules = self.settings
-        game = self.games.begin(task, distractor_seed)
-        return Conversation(
-            game, self.knowledge, max_invalid=rules.max_invalid, look_ups=rules.look_ups
-        )

@@ -1,22 +1,17 @@
 """Games by entity labels: a crafting task with a fixed table, or an open-ended game."""
 
-import copy
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
-from wordcraft_kg.base import ActionError, EpisodeError, counted, whole
-from wordcraft_kg.envs.draws import EvaluationTables
-from wordcraft_kg.envs.open_ended import OpenEndedEnv
+from wordcraft_kg.base import ActionError, EpisodeError, counted
+from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import PROMPTS, combined, numbered, prompt_text, results_of
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import Entity, GraphLike, RecipeGraph, TaskSet
+from wordcraft_kg.graphs import RecipeGraph, TaskSet
 
 Picks = tuple[str, ...]
 """Labels of the combined entities: two, or a set where recipes have other sizes."""
-TableOf = Callable[[int, int], list[int]]
-"""From a task (index) and a distractor seed to the ids on the starting table, in slot order."""
 
 
 class Game(ABC):
@@ -150,14 +145,14 @@ class TaskGame(Game):
     goal: str
     tasks: TaskSet
 
-    def __init__(self, env: WordCraftEnv, table: TableOf, task: int, distractor_seed: int):
+    def __init__(self, env: WordCraftEnv, task: int, distractor_seed: int, table: Iterable[int]):
         """Begin a game.
 
         Args:
             env: the environment; no other game may use it.
-            table: function that gives the starting table.
             task: index of the task.
             distractor_seed: seed of the distractors.
+            table: ids on the starting table, in slot order.
 
         Raises:
             ConfigError: if there is no such task.
@@ -170,17 +165,12 @@ class TaskGame(Game):
         self.task = task
         self.distractor_seed = distractor_seed
         self._env = env
-        env.reset(options={"task": task, "table": table(task, distractor_seed)})
+        env.reset(options={"task": task, "table": table})
         self.goal = self.graph.entities[env.state.goal]
         self.start = self.labels
         self.attempts = env.world.config.attempts
         self.actions = 0
         self._tried: set[tuple[str, ...]] = set()
-
-    @property
-    def last(self) -> Picks | None:
-        """Labels of the last combined pair or set; None initially and after a lost attempt."""
-        return self.pairs[-1] if self.pairs else None
 
     @property
     def attempts_left(self) -> int:
@@ -228,38 +218,6 @@ class TaskGame(Game):
         return info
 
 
-class TaskGames:
-    """A factory for independent games on all tasks in a world; many games may go on at once.
-
-    Attributes:
-        world: graph, tasks and settings.
-        graph: the recipe graph.
-
-    Example:
-        >>> world = World.open("kitchen", WordCraftConfig(part="test", num_distractors=2))
-        >>> games = TaskGames(world)
-        >>> game = games.begin(task=0)
-        >>> len(game.labels), game.goal == games.world.tasks[0].goal
-        (4, True)
-    """
-
-    def __init__(self, world: World, table: TableOf | None = None):
-        """Take a world; ``table`` replaces the tables of agent evaluation (None)."""
-        self.world = world
-        self.graph = world.graph
-        self._env = WordCraftEnv(world)
-        self._table = table or EvaluationTables(world).table
-
-    def begin(self, task: int = 0, distractor_seed: int = 0) -> TaskGame:
-        """Begin a game on a task (index) with the distractors for this seed.
-
-        Raises:
-            ConfigError: if there is no such task or seed.
-        """
-        # A shallow copy shares the world, which never changes; `reset` makes the state anew.
-        return TaskGame(copy.copy(self._env), self._table, task, distractor_seed)
-
-
 class DiscoveryGame(Game):
     """A game in the open-ended world: discover as many entities as possible.
 
@@ -269,25 +227,27 @@ class DiscoveryGame(Game):
         repeated: number of attempts with a pair that had been tried before.
     """
 
-    def __init__(self, env: OpenEndedEnv, number: int | None = None):
-        """Begin a game; no other game may use ``env``."""
-        super().__init__(env.graph, "discover")
+    def __init__(
+        self, graph: RecipeGraph, discovery: Discovery, attempts: int, number: int | None = None
+    ):
+        """Begin a game; no other game may use ``discovery``."""
+        super().__init__(graph, "discover")
         self.number = number
-        self._env = env
-        env.reset()
+        self._discovery = discovery
+        self._attempts = attempts
         self.known_after: list[int] = []
         self.repeated = 0
 
     @property
     def attempts_left(self) -> int:
         """Attempts left, including the current attempt."""
-        return self._env.max_attempts - len(self.known_after)
+        return self._attempts - len(self.known_after)
 
     def _entities(self) -> list[int]:
-        return [*self._env.discovery.known]
+        return [*self._discovery.known]
 
     def _termination(self) -> str | None:
-        if self._env.discovery.is_complete:
+        if self._discovery.is_complete:
             return prompt_text("all_known")
         count = counted(len(self._entities()), "item")
         return None if self.attempts_left else prompt_text("no_attempt_left", known=count)
@@ -303,71 +263,12 @@ class DiscoveryGame(Game):
 
     def _combine(self, *places: int) -> str:
         pair = tuple(map(self._entities().__getitem__, places))
-        *_, info = self._env.step([*pair])
-        self.known_after.append(len(self._entities()))
-        self.repeated += info["repeated"]
-        new = self.graph.labels(info["new_entities"])
-        text = combined(self.graph.labels(pair), new, PROMPTS["nothing_new"])
-        if info["repeated"]:
-            text += prompt_text("tried")
-        return text
+        new_ids, is_repeated = self._discovery.combine(*pair)
+        self.repeated += is_repeated
+        self._lose()
+        new_labels = self.graph.labels(new_ids)
+        text = combined(self.graph.labels(pair), new_labels, PROMPTS["nothing_new"])
+        return text + prompt_text("tried") if is_repeated else text
 
     def _lose(self) -> None:
-        # An unknown entity is an illegal action, which wastes the attempt. There is one: a game
-        # in which all entities are known is over.
-        entities = self._env.discovery.known
-        unknown = next(
-            entity for entity in range(self.graph.num_entities) if entity not in entities
-        )
-        self._env.step([unknown, unknown])
         self.known_after.append(len(self._entities()))
-
-
-class DiscoveryGames:
-    """A factory for independent open-ended games; many games may go on at once.
-
-    Attributes:
-        env: the environment from which each game begins.
-        graph: the recipe graph.
-        orders: for each game of a track the base (ids) in order; empty outside of tracks.
-    """
-
-    def __init__(
-        self,
-        graph: GraphLike,
-        *,
-        attempts: int = 100,
-        base: Iterable[Entity] | None = None,
-        orders: Sequence[tuple[int, ...]] = (),
-    ):
-        """Open the graph.
-
-        Args:
-            graph: graph folder, recipe book, name of a built-in book, or an open graph.
-            attempts: attempts in a game.
-            base: entities (ids or labels) that are known at the start; None for the graph's base.
-            orders: for each game of a track the base (ids) in the order in which players see it.
-
-        Raises:
-            ConfigError: for a value out of range, or a base from which nothing can be made.
-            RecipeFileError: if there is no such graph, or a book cannot be read.
-            ArtefactError: if a graph folder is damaged.
-        """
-        self.env = OpenEndedEnv(graph, max_attempts=attempts, base=base)
-        self.graph = self.env.graph
-        self.orders = orders
-
-    def begin(self, task: int = 0, distractor_seed: int = 0) -> DiscoveryGame:
-        """Begin a game; the task is ignored, and the seed is the number of the game in a track.
-
-        Raises:
-            ConfigError: if the track has no such game.
-        """
-        # The discovery changes with every attempt, so each game has its own.
-        env = copy.copy(self.env)
-        env.discovery = copy.copy(self.env.discovery)
-        if not self.orders:
-            return DiscoveryGame(env)
-        number = whole("game", distractor_seed, 0, len(self.orders) - 1)
-        env.discovery.base = self.orders[number]
-        return DiscoveryGame(env, number)

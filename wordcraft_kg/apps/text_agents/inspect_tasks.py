@@ -4,9 +4,8 @@
 point; :func:`read_inspect_log` reads a log of either.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,17 +13,22 @@ import numpy as np
 from msgspec.structs import replace
 
 from wordcraft_kg.apps.text_agents.benchmark import open_track
-from wordcraft_kg.apps.text_agents.conversation import Play
-from wordcraft_kg.apps.text_agents.game_records import GameRecord, PlayedSettings
-from wordcraft_kg.apps.text_agents.games import TaskGames
+from wordcraft_kg.apps.text_agents.plays import Play, chosen_tasks
 from wordcraft_kg.apps.text_agents.results import (
     COUNTS,
-    chosen_tasks,
+    GameRecord,
+    GamesHeader,
     evaluation_of,
     mean_known,
     record_of,
 )
-from wordcraft_kg.apps.text_agents.settings import ATTEMPTS, EvaluationSettings, KnowledgeKind
+from wordcraft_kg.apps.text_agents.settings import (
+    ATTEMPTS,
+    MAX_INVALID,
+    GameSettings,
+    KnowledgeKind,
+    PlayedSettings,
+)
 from wordcraft_kg.base import (
     MAX_SIZE,
     ArtefactError,
@@ -76,6 +80,8 @@ VERDICT = "verdict"
 # The records of the games stand in the scores, so results need none of these.
 _NOT_NEEDED = {"messages", "events", "events_data", "timelines", "store", "output", "attachments"}
 """Skipped log fields; messages are the largest part."""
+_RULES = {"distractor_seeds": 1, "tasks": None, "max_invalid": MAX_INVALID}
+"""Defaults of the parameters that are no :class:`GameSettings`."""
 _PLAYED = "wordcraft_kg_played"
 """Key in a sample's store, by which the solver hands the game's record to the scorer."""
 
@@ -94,16 +100,16 @@ class InspectTaskError(ConfigError, PrerequisiteError):
 @task
 def crafting(  # noqa: PLR0913 - parameters are the options of `inspect eval -T`
     graph: str = "everyday",
-    part: TaskPart = EvaluationSettings.part,
-    depth: int = EvaluationSettings.depth,
-    distractors: int = EvaluationSettings.distractors,
-    attempts: int | None = EvaluationSettings.attempts,
-    distractor_seeds: int = EvaluationSettings.distractor_seeds,
-    tasks: int | None = EvaluationSettings.tasks,
-    knowledge: KnowledgeKind = EvaluationSettings.knowledge,
+    part: TaskPart = GameSettings.part,
+    depth: int = GameSettings.depth,
+    distractors: int = GameSettings.distractors,
+    attempts: int | None = GameSettings.attempts,
+    distractor_seeds: int = 1,
+    tasks: int | None = None,
+    knowledge: KnowledgeKind = GameSettings.knowledge,
     scorer: str | None = None,
-    look_ups: int = EvaluationSettings.look_ups,
-    max_invalid: int = EvaluationSettings.max_invalid,
+    look_ups: int = GameSettings.look_ups,
+    max_invalid: int = MAX_INVALID,
     track: str | None = None,
 ) -> Task:
     """Return an Inspect task: make goals from the entities on a table, as in agent evaluation.
@@ -126,38 +132,40 @@ def crafting(  # noqa: PLR0913 - parameters are the options of `inspect eval -T`
         InspectTaskError: for a wrong parameter, or an unreadable graph or scorer.
     """
     with _readable():
-        settings = EvaluationSettings(
+        settings = GameSettings(
             part=part,
             depth=depth,
             distractors=distractors,
             attempts=attempts,
-            distractor_seeds=distractor_seeds,
-            tasks=tasks,
             knowledge=knowledge,
             scorer=_folder(scorer),
             look_ups=look_ups,
-            max_invalid=max_invalid,
         )
+        rules = {
+            "distractor_seeds": whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE),
+            "tasks": None if tasks is None else whole("tasks", tasks, 1, MAX_SIZE),
+            "max_invalid": whole("max_invalid", max_invalid, 0, MAX_SIZE),
+        }
         if track is None:
-            play = _open(graph, settings)
-        elif graph != "everyday" or settings != EvaluationSettings(knowledge=knowledge):
+            play = _open(graph, settings, **rules)
+        elif (graph, settings, rules) != ("everyday", GameSettings(knowledge=knowledge), _RULES):
             raise ConfigError("`track` has its own games; omit all but `knowledge`.")
         else:
             play = open_track(str(track)).play(knowledge)
-        rules = play.settings
-        if not isinstance(play.games, TaskGames):  # an open-ended track
+        played = play.settings
+        if played.is_open_ended:  # a track
             return _discovery(play)
-        all_tasks = play.games.world.tasks
-        groups = play.games.world.groups.tolist()
-        task_numbers = chosen_tasks(play.games.world, rules.tasks).tolist()
+        all_tasks = play.world.tasks
+        groups = play.world.groups.tolist()
+        task_numbers = chosen_tasks(play.world, played.tasks).tolist()
         samples: list[Sample] = []
         # Seed by seed: after a part of the run, each task has been played about equally often.
-        for seed in range(rules.distractor_seeds):
+        for seed in range(played.distractor_seeds):
             for number in task_numbers:
                 about = {"task": number, "distractor_seed": seed, "goal": all_tasks[number].goal}
                 about["group"] = groups[number]
-                samples.append(_sample(f"{rules.part}-{number}-{seed}", play, **about))
-        return _task(play, samples, f"{rules.graph}, {rules.part}", goal_made())
+                samples.append(_sample(f"{played.part}-{number}-{seed}", play, **about))
+        return _task(play, samples, f"{played.graph}, {played.part}", goal_made())
 
 
 @task
@@ -166,10 +174,10 @@ def discovery(
     attempts: int = ATTEMPTS,
     base: Any = None,
     games: int = 1,
-    knowledge: KnowledgeKind = EvaluationSettings.knowledge,
+    knowledge: KnowledgeKind = GameSettings.knowledge,
     scorer: str | None = None,
-    look_ups: int = EvaluationSettings.look_ups,
-    max_invalid: int = EvaluationSettings.max_invalid,
+    look_ups: int = GameSettings.look_ups,
+    max_invalid: int = MAX_INVALID,
 ) -> Task:
     """Return an Inspect task: discover entities in the open-ended world.
 
@@ -190,17 +198,17 @@ def discovery(
         whole("games", games, 1, MAX_SIZE)
         # Inspect parses labels such as `1` and `true` as a number and a truth value.
         labels = base if isinstance(base, list | tuple) else [base]
-        settings = EvaluationSettings(
+        settings = GameSettings(
             open_ended=True,
             attempts=attempts,
             base=None if base is None else [str(label) for label in labels],
-            distractor_seeds=games,
             knowledge=knowledge,
             scorer=_folder(scorer),
             look_ups=look_ups,
-            max_invalid=max_invalid,
         )
-        return _discovery(_open(graph, settings))
+        whole("max_invalid", max_invalid, 0, MAX_SIZE)
+        play = _open(graph, settings, distractor_seeds=games, max_invalid=max_invalid)
+        return _discovery(play)
 
 
 def _discovery(play: Play) -> Task:
@@ -216,11 +224,11 @@ def _folder(scorer: object) -> Path | None:
     return None if scorer is None else Path(str(scorer))
 
 
-def _open(graph: Any, settings: EvaluationSettings) -> Play:
+def _open(graph: Any, settings: GameSettings, **rules: Any) -> Play:
     # The same of a book's name.
     if not isinstance(graph, str) or not graph:
         raise refuse("graph", graph, "a graph folder, a recipe book file, or a known book")
-    return Play.open(graph, settings)
+    return Play.open(graph, settings, **rules)
 
 
 def _sample(identity: str, play: Play, **about: Any) -> Sample:
@@ -431,24 +439,9 @@ class LoggedTask(Record, frozen=True, kw_only=True):
     games: Count
 
 
-@dataclass(frozen=True)
-class LoggedGames:
-    """Games in an Inspect log.
-
-    Attributes:
-        model: the model's name.
-        settings: settings of the games.
-        games: records of the games, without messages.
-        tokens: numbers of tokens by kind (input, output), over all models in the log.
-    """
-
-    model: str
-    settings: PlayedSettings
-    games: Sequence[GameRecord]
-    tokens: Mapping[str, int]
-
-
-def read_inspect_log(path: str | Path) -> LoggedGames:
+def read_inspect_log(
+    path: str | Path,
+) -> tuple[GamesHeader, list[GameRecord], dict[str, int]]:
     """Read a language model's games from an Inspect log of ``crafting`` or ``discovery``.
 
     Metrics follow from the games, as for any other player. A game that an Inspect limit ended
@@ -457,6 +450,10 @@ def read_inspect_log(path: str | Path) -> LoggedGames:
 
     Args:
         path: the log's file, ``.eval`` or ``.json``.
+
+    Returns:
+        The model's name with the settings of the games, their records without messages, and the
+        numbers of tokens by kind (input, output) over all models in the log.
 
     Raises:
         ArtefactError: for a missing or damaged file, the log of another Inspect task, or missing
@@ -471,15 +468,14 @@ def read_inspect_log(path: str | Path) -> LoggedGames:
             "wordcraft_kg/discovery."
         )
     task = as_record(about, LoggedTask, path)
-    settings = task.settings
-    scores = _scores(path, log, task.games)
-    games = [game_of_score(score, str(path)) for score in scores]
+    header = GamesHeader(player=log.eval.model, settings=task.settings)
+    games = [game_of_score(score, str(path)) for score in _scores(path, log, task.games)]
     usages = log.stats.model_usage.values()
     tokens = {
         "input": sum(usage.input_tokens for usage in usages),
         "output": sum(usage.output_tokens for usage in usages),
     }
-    return LoggedGames(log.eval.model, settings, games, tokens)
+    return header, games, tokens
 
 
 def _read(path: Path) -> EvalLog:

@@ -4,16 +4,20 @@ Connections have no memory in the present protocol: each call stands alone. So `
 id for each game, which every other tool takes.
 """
 
+import copy
 import hashlib
 import json
 import logging
+import secrets
 import sys
+from collections import OrderedDict
 from collections.abc import AsyncIterator, Callable, Collection
 from functools import lru_cache
 from io import TextIOWrapper
 from typing import Annotated, Any, Self
 
 import anyio
+import msgspec
 from mcp.server import MCPServer
 from mcp.server.mcpserver import Context
 from mcp.server.mcpserver.exceptions import ToolError
@@ -26,12 +30,14 @@ from starlette.types import ASGIApp
 
 from wordcraft_kg import __version__
 from wordcraft_kg.apps.text_agents.conversation import MOST_ITEMS, Conversation
-from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
-from wordcraft_kg.apps.text_agents.hosted_games import HostedGames
+from wordcraft_kg.apps.text_agents.games import TaskGame
+from wordcraft_kg.apps.text_agents.plays import Play
 from wordcraft_kg.apps.web.guard import LONGEST_BODY, LOOPBACK, Guard
 from wordcraft_kg.base import MAX_SIZE, ActionError, EpisodeError, WordCraftKGError, counted
 from wordcraft_kg.envs.words import prompt_hash, prompt_text
 
+_MOST_GAMES = 1_000
+"""Remembered games: ten per player for a hundred players."""
 _LONGEST = 200
 """Most characters of a label or a game's id."""
 PATH = "/mcp"
@@ -66,6 +72,88 @@ _PLAYS = ToolAnnotations(
 _ENDS = ToolAnnotations(
     read_only_hint=False, destructive_hint=False, idempotent_hint=True, open_world_hint=False
 )
+
+
+class HostedGames:
+    """All games on a server, open to anyone with a game's id.
+
+    Players may reconnect by id. The memory is bounded, because anyone can begin games: the least
+    recent games are forgotten, and long games are recorded in part.
+
+    Attributes:
+        play: the games.
+        keep: called with each finished game; by default its messages are forgotten.
+    """
+
+    def __init__(self, play: Play, *, most: int = _MOST_GAMES):
+        """Prepare to host games; at most ``most`` games are remembered."""
+        self.play = copy.copy(play)
+        # Tools are prompts as well.
+        self.play.settings = msgspec.structs.replace(
+            play.settings, prompt_hash=tools_hash(sets=play.has_sets)
+        )
+        self._most = most
+        self.keep: Callable[[Conversation], None] = lambda talk: talk.messages.clear()
+        self._begun: set[tuple[int, int]] = set()
+        self._hosted: OrderedDict[str, Conversation] = OrderedDict()
+
+    def begin(self, task: int = 0, distractor_seed: int = 0) -> Conversation:
+        """Begin a game, see :meth:`Play.begin`.
+
+        On a track each game can be begun once, and open-ended games come in turn. If there are too
+        many games, end and forget a game: finished games first, then the least recent.
+
+        Raises:
+            ConfigError: if there is no such task or seed.
+            EpisodeError: if the game was begun before on a track, or if the forgotten game cannot
+                be recorded.
+        """
+        settings = self.play.settings
+        if settings.track and settings.is_open_ended:
+            distractor_seed = len(self._begun)
+        key = (task, distractor_seed)
+        # Who begins a game again knows it, and could pick the better result.
+        if settings.track and (key in self._begun or distractor_seed >= settings.distractor_seeds):
+            raise EpisodeError(
+                f"Each game of {settings.track} is played once, and this game was begun before."
+            )
+        talk = self.play.begin(task, distractor_seed)
+        # The id is the only key to a game, so nobody may guess it: 72 random bits.
+        talk.name = secrets.token_urlsafe(9)
+        # Tools say by their schemas how to answer.
+        talk.messages = [f"{talk.game.rules}\n\n{talk.game.state}"]
+        talk.on_end = self.keep
+        self._begun.add(key)
+        if len(self._hosted) >= self._most:
+            # `min` takes the first of equals, the least recent one: `game` moves ids to the end.
+            oldest = min(self._hosted, key=lambda name: not self._hosted[name].is_over)
+            try:
+                self._hosted[oldest].end()
+            except OSError as error:
+                raise EpisodeError(
+                    f"The server has no room for a game ({error.strerror}). Try again later."
+                ) from None
+            del self._hosted[oldest]
+        self._hosted[talk.name] = talk
+        return talk
+
+    def game(self, name: str) -> Conversation:
+        """Return the game with the id ``name``.
+
+        Raises EpisodeError for an unknown or forgotten id.
+        """
+        if name not in self._hosted:
+            raise EpisodeError(
+                f"Unknown game id '{name[:40]}': expected an id returned by `begin`; the server "
+                "keeps the last "
+                f"{self._most:,} games. Start a new game."
+            )
+        self._hosted.move_to_end(name)
+        return self._hosted[name]
+
+
+_MOST_GAMES = 1_000
+"""Remembered games: ten per player for a hundred players."""
 
 
 # The descriptions of fields are in the tools' schemas, so language models read them too.
@@ -204,8 +292,6 @@ def _in_words(error: ValidationError | OSError | WordCraftKGError) -> str:
         details = error.errors(include_url=False, include_context=False, include_input=False)
         problems = (f"'{'.'.join(map(str, detail['loc']))}': {detail['msg']}" for detail in details)
         return prompt_text("invalid", reason="; ".join(problems) + ".")
-    if isinstance(error, ActionError):
-        return prompt_text("invalid", reason=str(error))
     if isinstance(error, OSError):
         return (
             f"The game is over, but its record could not be saved: {error.strerror or error}. Call "
@@ -223,13 +309,12 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
 
     The server fits any transport (stdio, HTTP), and can be asked within this process.
     """
-    games = hosted.play.games
-    settings = hosted.play.settings
-    last = len(games.world.tasks) - 1 if isinstance(games, TaskGames) else None
+    play = hosted.play
+    settings = play.settings
+    last = None if settings.is_open_ended else len(play.world.tasks) - 1
     has_scorer = settings.knowledge == "scorer"
-    game = games.begin()
-    has_sets = game.most_picks > 0
-    return _server(game.rules, last, settings.look_ups, has_scorer, lambda: hosted, sets=has_sets)
+    rules = play.game().rules
+    return _server(rules, last, settings.look_ups, has_scorer, lambda: hosted, sets=play.has_sets)
 
 
 @lru_cache(2)
@@ -290,10 +375,9 @@ def _server(
     def combined(game: str, *items: str) -> CallToolResult:
         talk = hosted().game(game)
         labels_before = talk.game.labels
-        result = talk.attempt(*items)
+        reply = _accepted(talk, lambda: talk.combine(*items))
         new = [label for label in talk.game.labels if label not in labels_before]
-        text = f"{result}\n\n{talk.game.state}"
-        return _result(text, Combined.of(talk, result=result, new=new))
+        return _result(reply, Combined.of(talk, result=talk.outcome, new=new))
 
     if sets:
 
@@ -318,10 +402,11 @@ def _server(
         @server.tool(title="Look up an item", description=about_look_ups, annotations=_PLAYS)
         async def look_up(game: _GameName, item: _Label) -> Annotated[CallToolResult, Facts]:
             talk = hosted().game(game)
-            label, facts, reply = talk.consult(item)
+            _accepted(talk, lambda: talk.look_up_item(item))
+            label, facts = talk.facts
             look_ups_left = look_ups - talk.look_ups
             return _result(
-                reply, Facts(game=game, item=label, facts=facts, look_ups_left=look_ups_left)
+                talk.outcome, Facts(game=game, item=label, facts=facts, look_ups_left=look_ups_left)
             )
 
     @server.tool(title="End a game", description=_TOOLS["end"], annotations=_ENDS)
@@ -358,6 +443,21 @@ def _add_begin(server: MCPServer[Any], last: int | None, hosted: Callable[[], Ho
         task: Annotated[int, number], distractor_seed: Annotated[int, seed] = 0
     ) -> Annotated[CallToolResult, Begun]:
         return _begun(hosted().begin(task, distractor_seed))
+
+
+def _accepted(talk: Conversation, act: Callable[[], str]) -> str:
+    """Return the reply to a call.
+
+    Raises:
+        ActionError: if the call was invalid, with the prompt that says so.
+        EpisodeError: after the end of the game.
+    """
+    if talk.is_over:
+        raise EpisodeError(f"{talk.after_the_end} Start a new game.")
+    reply = act()
+    if talk.is_invalid:
+        raise ActionError(talk.outcome)
+    return reply
 
 
 def _begun(talk: Conversation) -> CallToolResult:

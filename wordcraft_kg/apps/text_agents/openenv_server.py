@@ -20,13 +20,14 @@ import numpy as np
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, Router, WebSocketRoute
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from wordcraft_kg import __version__
 from wordcraft_kg.apps.text_agents.conversation import Conversation
-from wordcraft_kg.apps.text_agents.hosted_games import GameList, GamesWriter, NamedGame
-from wordcraft_kg.apps.web.guard import LOOPBACK, Guard, foreign_host, is_of_another_site
+from wordcraft_kg.apps.text_agents.plays import GameList, NamedGame
+from wordcraft_kg.apps.text_agents.results import GamesWriter
+from wordcraft_kg.apps.web.guard import LOOPBACK, Guard
 from wordcraft_kg.base import (
     MAX_SIZE,
     ActionError,
@@ -36,8 +37,6 @@ from wordcraft_kg.base import (
     whole,
 )
 
-_FOREIGN = 1008
-"""Code with which a web socket of a foreign page is closed."""
 _LAST = 1.0
 """Seconds for the last message to a silent client."""
 _JSON = "application/json"
@@ -261,7 +260,10 @@ class _Sessions:
                 await socket.close()
         finally:
             self.active -= 1
-            _end(session)
+            try:
+                session.close()
+            except OSError as error:
+                logging.getLogger(__name__).error("a game's record was not saved: %s", error)
 
     async def _converse(self, socket: WebSocket, session: CraftingSession) -> None:
         while True:
@@ -273,13 +275,6 @@ class _Sessions:
                 await socket.close()
                 return
             await asyncio.wait_for(socket.send_text(answer), self.idle)
-
-
-def _end(session: CraftingSession) -> None:
-    try:
-        session.close()
-    except OSError as error:
-        logging.getLogger(__name__).error("a game's record was not saved: %s", error)
 
 
 def _answer(session: CraftingSession, message: str | bytes) -> str | None:
@@ -294,19 +289,17 @@ def _answer(session: CraftingSession, message: str | bytes) -> str | None:
     data = request.get("data", {})
     if kind == "close":
         return None
+    acts = {"reset": session.reset, "step": session.step, "state": lambda _: session.state}
+    if str(kind) not in acts or not isinstance(data, dict):
+        expected = "expected reset with an object as data, step, state or close."
+        return _error("UNKNOWN_TYPE", f"type {str(kind)[:60]!r}: {expected}")
     try:
-        if kind == "reset" and isinstance(data, dict):
-            return json.dumps({"type": "observation", "data": session.reset(data)})
-        if kind == "step":
-            return json.dumps({"type": "observation", "data": session.step(data)})
-        if kind == "state":
-            return json.dumps({"type": "state", "data": session.state})
+        answer = acts[str(kind)](data)
     except WordCraftKGError as error:
         return _error("EXECUTION_ERROR", str(error))
     except OSError as error:
         return _error("EXECUTION_ERROR", f"the game's record was not saved ({error.strerror}).")
-    expected = "expected reset with an object as data, step, state or close."
-    return _error("UNKNOWN_TYPE", f"type {str(kind)[:60]!r}: {expected}")
+    return json.dumps({"type": "state" if kind == "state" else "observation", "data": answer})
 
 
 def _error(code: str, message: str) -> str:
@@ -333,7 +326,6 @@ def make_openenv_app(
         more_hosts: further names by which clients may ask it, such as a proxy's.
     """
     open_sessions = _Sessions(lambda: CraftingSession(games, keep), sessions, idle)
-    hosts = {*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)}
     about = {"name": NAME, "description": "crafting games by text", "version": __version__}
     schemas = {"action": ACTION_SCHEMA, "observation": OBSERVATION_SCHEMA, "state": STATE_SCHEMA}
     facts: dict[str, Any] = {
@@ -342,45 +334,29 @@ def make_openenv_app(
         "/schema": schemas,
         "/state": CraftingSession(games).state,
     }
+    # Nobody goes on with a game that HTTP begins.
+    begin = _endpoint(games, lambda games, query: CraftingSession(games).reset(query))
     routes = [Route(path, _constant(fact)) for path, fact in facts.items()]
     routes += [
-        Route("/reset", _endpoint(games, _begun), methods=["POST"]),
+        Route("/reset", begin, methods=["POST"]),
         Route("/step", _constant({"detail": _BY_SOCKET}, 409), methods=["POST"]),
         Route("/mcp", _constant(_NO_MCP), methods=["POST"]),
         *task_routes(games),
     ]
     routes.append(Route("/openapi.json", _constant(_openapi(routes))))
     router = Router([*routes, WebSocketRoute("/ws", open_sessions.serve)])
-    guarded = Guard(
-        router, host, more_hosts, _page, methods=("GET", "HEAD", "POST"), media_type=_JSON
+    return Guard(
+        router,
+        host,
+        more_hosts,
+        lambda _, message: json.dumps({"detail": message}),
+        methods=("GET", "HEAD", "POST"),
+        media_type=_JSON,
     )
-
-    async def app(scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "websocket":
-            await guarded(scope, receive, send)
-            return
-        socket = WebSocket(scope, receive, send)
-        # A page of another site must not play here from its reader's browser.
-        if foreign_host(socket.headers, hosts) or is_of_another_site(socket.headers):
-            logging.getLogger(__name__).warning("refused a web socket of another site")
-            await socket.close(_FOREIGN)
-            return
-        await router(scope, receive, send)
-
-    return app
-
-
-def _page(status: int, message: str) -> str:
-    return json.dumps({"detail": message})
 
 
 def _constant(fact: Any, status: int = 200) -> Callable[[Request], Response]:
     return lambda request: JSONResponse(fact, status)
-
-
-def _begun(games: GameList, arguments: dict[str, Any]) -> dict[str, Any]:
-    """Return the first observation of a game, which nobody goes on with."""
-    return CraftingSession(games).reset(arguments)
 
 
 def _openapi(routes: list[Route]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Resumable evaluation of text agents, with the metrics of trained agents.
+"""Games of text agents on disk: records, resumable evaluation, the metrics of trained agents.
 
 Each game is on disk before the next one begins: a language model's games are expensive, and a
 machine may stop at any time.
@@ -7,84 +7,195 @@ machine may stop at any time.
 import logging
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import cache
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Literal
 
-import msgspec
 import numpy as np
+from joblib import Parallel, delayed
 
 from wordcraft_kg.agents.agent_records import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.agents.discovery import LATER_MARKS, MARKS
-from wordcraft_kg.apps.text_agents.conversation import Conversation, Play, converse
-from wordcraft_kg.apps.text_agents.game_records import (
-    GAMES_FILE,
-    GameRecord,
-    GamesHeader,
-    PlayedSettings,
-)
-from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TableOf, TaskGame, TaskGames
+from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
+from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TaskGame
+from wordcraft_kg.apps.text_agents.plays import Play, TaskGames, chosen_tasks
+from wordcraft_kg.apps.text_agents.settings import PlayedSettings
+from wordcraft_kg.apps.text_agents.text_players import LinePlayer, TextPlayer
 from wordcraft_kg.base import (
-    MAX_SIZE,
     ArtefactError,
     ConfigError,
+    Count,
     GraphMismatchError,
     PlayerError,
+    Record,
     WordCraftKGError,
     as_lines,
+    as_values,
+    check_file,
     counted,
+    made_folder,
     parse_lines,
     parse_record,
     read_large_file,
     steps,
-    whole,
 )
 from wordcraft_kg.base.wording import for_file
-from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.envs.draws import EVALUATION_SEED, sampled_tasks
+from wordcraft_kg.envs.draws import EvaluationTables, sampled_tasks
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import Ids
-from wordcraft_kg.runs.run_folder import locked_folder, sigterm_as_interrupt
+from wordcraft_kg.runs.run_folder import locked, locked_folder, sigterm_as_interrupt
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.evaluation import Evaluation
     from wordcraft_kg.evaluation.agents import ExternalPlayer
 
+
+GamesFormat = Literal["wordcraft-kg text games 2"]
+GAMES_FILE = "games.jsonl"
 COUNTS = ("invalid_actions", "lost_attempts", "look_ups")
 
 
-def chosen_tasks(
-    world: World, limit: int | None, difficulty: tuple[float, float] | None = None
-) -> Ids:
-    """Return the indices of the tasks to play, shape (T,), ascending.
+class GamesHeader(Record, frozen=True, kw_only=True):
+    """The first line in a ``games.jsonl`` file, before the games.
 
-    Tasks are evenly spaced, because enumerated tasks are sorted by goal: the first ones would be of
-    few goals. Nothing is drawn, so all players get the same tasks.
+    Attributes:
+        format: format of the file.
+        player: the player's name, such as a program's or a language model's.
+        settings: settings of all games in the file.
+    """
 
-    Args:
-        world: the world.
-        limit: number of tasks; None for all.
-        difficulty: least and largest difficulty of the tasks, see
-            :func:`~wordcraft_kg.apps.text_agents.difficulty.tasks_within`; None for all.
+    format: GamesFormat = "wordcraft-kg text games 2"
+    player: str
+    settings: PlayedSettings
+
+
+class GameRecord(Record, frozen=True, kw_only=True):
+    """A finished game: a line in ``games.jsonl``.
+
+    Attributes:
+        task: index of the task in its part; 0 in the open-ended world.
+        distractor_seed: seed of the distractors on the table, or number of the open-ended game.
+        goal: label of the entity to make; None in the open-ended world.
+        table: labels at the start, in slot order; empty in the open-ended world.
+        success: whether the goal was made.
+        by_plan: whether a plan's last pair made the goal.
+        actions: number of actions (choices of an entity) in a task until the end.
+        termination: how a game on a task ended, as agent evaluation says it.
+        known_after: number of known entities after each attempt in the open-ended world.
+        repeated: number of attempts there with a pair that had been tried before.
+        invalid_actions: number of messages that were not understood.
+        lost_attempts: number of attempts lost by them.
+        look_ups: number of entities that were looked up.
+        messages: all prompts and answers in turn; empty in Inspect's logs, which have their own.
+        pairs: labels of all combined pairs or sets in turn, None for a lost attempt.
+    """
+
+    task: Count = 0
+    distractor_seed: Count = 0
+    goal: str | None = None
+    table: tuple[str, ...] = ()
+    success: bool = False
+    by_plan: bool = False
+    actions: Count = 0
+    termination: TerminationReason | None = None
+    known_after: tuple[Count, ...] = ()
+    repeated: Count = 0
+    invalid_actions: Count = 0
+    lost_attempts: Count = 0
+    look_ups: Count = 0
+    messages: tuple[str, ...] = ()
+    pairs: tuple[tuple[str, ...] | None, ...]
+
+
+def read_games(path: Path) -> tuple[GamesHeader, Sequence[GameRecord], bytes]:
+    """Read a games file without changing it.
+
+    Returns:
+        The header, the games, and the bytes of an incomplete last line (empty if complete), which
+        is from a process that was killed.
 
     Raises:
-        ConfigError: for a number below 1, or a range of difficulty in which no task was measured.
+        ArtefactError: if the file is missing, of another kind, or damaged.
     """
-    if limit is not None:
-        whole("tasks", limit, 1, MAX_SIZE)
-    tasks = np.arange(len(world.tasks))
-    if difficulty is not None:
-        # Imported here: it reads a file with pandas.
-        from wordcraft_kg.apps.text_agents.difficulty import tasks_within
+    lines, _, torn = read_large_file(path).rpartition(b"\n")
+    header_line, _, records = lines.partition(b"\n")
+    header = parse_record(header_line, GamesHeader, f"{path}, line 1,")
+    return header, parse_lines(records, GameRecord, f"{path} (after line 1)"), torn
 
-        tasks = tasks_within(world, difficulty)
-    number = len(tasks)
-    limit = number if limit is None else min(limit, number)
-    return tasks[np.arange(limit) * number // limit]
+
+def open_games(path: Path, header: GamesHeader) -> list[GameRecord]:
+    """Create a games file with this header, or return the games in an existing file.
+
+    An incomplete last line is cut off. The file is unchanged on errors.
+
+    Args:
+        path: the file.
+        header: player and settings of the games.
+
+    Raises:
+        ArtefactError: if the file is of another kind or damaged.
+        GraphMismatchError: if its games are of another graph or split.
+        ConfigError: if its games are of another player or other settings.
+    """
+    line = as_lines([header])[0].encode()
+    if not path.exists():
+        path.touch()
+    start = path.read_bytes()[: len(line)]
+    # A beginning of the header is an empty file, or one whose writer was killed meanwhile.
+    is_unfinished_header = line.startswith(start) and start != line
+    if not is_unfinished_header:
+        stored_header, played, torn = read_games(path)
+        # Without games, nothing is lost by new settings.
+        if played or stored_header == header:
+            _check_header(path, stored_header, header)
+            if torn:
+                text = "%s ended in a torn line, which was dropped; the game is played again"
+                logging.getLogger(__name__).warning(text, path)
+                os.truncate(path, path.stat().st_size - len(torn))
+            return [*played]
+    os.truncate(path, 0)
+    try:
+        append_game(path, header)
+    except OSError:
+        # Such as a full disk: a file without a game is as good as none.
+        path.unlink()
+        raise
+    return []
+
+
+def append_game(path: Path, played: Record) -> None:
+    """Append the record of a game; it is on disk when this returns.
+
+    Raises:
+        OSError: if it cannot be written, such as on a full disk; the file is unchanged.
+    """
+    size = path.stat().st_size
+    try:
+        with path.open("ab") as file:
+            file.write(as_lines([played])[0].encode())
+            file.flush()
+            # Survives a power failure, too.
+            os.fsync(file.fileno())
+    except OSError:
+        # A part of the line may be there, and the next record would be glued to it.
+        with suppress(OSError):
+            os.truncate(path, size)
+        raise
+
+
+def _check_header(path: Path, stored: GamesHeader, header: GamesHeader) -> None:
+    before = {"player": stored.player, **as_values(stored.settings)}
+    # Graph and split come first: another graph may also differ in settings.
+    for name, value in {"player": header.player, **as_values(header.settings)}.items():
+        if before[name] != value:
+            is_graph = name in ("graph", "graph_hash", "split_hash")
+            kind = GraphMismatchError if is_graph else ConfigError
+            raise kind(
+                f"'{path}' holds games with `{name}` {before[name]}, and this command has {value}. "
+                "Choose another `out`, or use the same settings."
+            )
 
 
 def record_of(talk: Conversation, number: int = 0) -> GameRecord:
@@ -129,18 +240,83 @@ def _termination_of(game: TaskGame) -> TerminationReason:
     if game.is_made:
         return "goal"
     # A lost attempt has no pair, so none that makes anything.
-    if game.last is None:
+    last = game.pairs[-1] if game.pairs else None
+    if last is None:
         return "no_recipe"
     # The ingredients of each plan's last step, which makes the goal.
     parts: set[str] = set()
     for plan in game.tasks[game.task].plans:
         parts.update(plan[-1].ingredients)
-    if len(set(game.last)) == 1 < len(game.last):
+    if len(set(last)) == 1 < len(last):
         return "same_twice"
-    if parts.intersection(game.last):
+    if parts.intersection(last):
         return "one_right_part"
-    picks = tuple(sorted(map(game.graph.id_of, game.last)))
+    picks = tuple(sorted(map(game.graph.id_of, last)))
     return "no_right_part" if picks in game.world.outcomes else "no_recipe"
+
+
+class GamesWriter:
+    """A file to which a server appends finished games, in the order in which they end."""
+
+    def __init__(self, path: Path, count: int):
+        """Bind the file, which is locked and has ``count`` games."""
+        self._path = path
+        self._count = count
+        self._waiting: list[GameRecord] = []
+
+    def __call__(self, talk: Conversation) -> None:
+        """Record a finished game, and save it; a further call only tries to save it again.
+
+        Raises:
+            OSError: as :meth:`save`.
+        """
+        # Without messages it was recorded before.
+        if talk.messages:
+            self._waiting.append(record_of(talk, self._count))
+            self._count += 1
+            talk.messages.clear()
+        self.save()
+
+    def save(self) -> None:
+        """Write the games that could not be written before, such as on a full disk.
+
+        They come before all later games, so a game that went wrong is never the second of its task.
+
+        Raises:
+            OSError: if a game cannot be written; it still waits.
+        """
+        while self._waiting:
+            append_game(self._path, self._waiting[0])
+            del self._waiting[0]
+
+
+@contextmanager
+def games_writer(path: Path, header: GamesHeader) -> Iterator[GamesWriter]:
+    """Lock a games file, and yield a function that appends a finished game with its messages.
+
+    Args:
+        path: the file; it is created if it does not exist, and continued if it does.
+        header: player and settings of the games.
+
+    Raises:
+        ArtefactError: if the file is damaged, no plain file, or in use by another process.
+        GraphMismatchError: if its games are of another graph or split.
+        ConfigError: if its games are of another player or other settings.
+    """
+    with made_folder(path.parent):
+        if not path.exists():
+            path.touch()  # the lock needs a file
+        # No device, folder or broken link: records are appended for as long as the server runs.
+        check_file(path)
+        with locked(path, "written"):
+            writer = GamesWriter(path, len(open_games(path, header)))
+            try:
+                yield writer
+            finally:
+                try:
+                    writer.save()
+                except OSError as error:
+                    logging.getLogger(__name__).error("games were not saved: %s", error)
 
 
 def evaluation_of(played: Sequence[GameRecord], groups: Ids | None = None) -> "Evaluation":
@@ -195,53 +371,6 @@ def mean_known(curves: Sequence[Sequence[int]], attempts: int) -> dict[int, floa
     return means
 
 
-def read_games(path: Path) -> tuple[GamesHeader, Sequence[GameRecord], bytes]:
-    """Read a games file without changing it.
-
-    Returns:
-        The header, the games, and the bytes of an incomplete last line (empty if complete), which
-        is from a process that was killed.
-
-    Raises:
-        ArtefactError: if the file is missing, of another kind, or damaged.
-    """
-    lines, _, torn = read_large_file(path).rpartition(b"\n")
-    header_line, _, records = lines.partition(b"\n")
-    header = parse_record(header_line, GamesHeader, f"{path}, line 1,")
-    return header, parse_lines(records, GameRecord, f"{path} (after line 1)"), torn
-
-
-class TextPlayer(Protocol):
-    """A program or a model that plays by text, several games one after another or at a time.
-
-    Attributes:
-        name: the player's name in results.
-    """
-
-    name: str
-
-    def speaker(self, talk: Conversation) -> Callable[[str], str]:
-        """Begin a game: return a function from a prompt in this conversation to the answer."""
-
-
-def _in_turn(
-    play: Callable[[tuple[int, int]], GameRecord], games: list[tuple[int, int]], parallel: int
-) -> Iterator[GameRecord]:
-    """Play games, some at a time, and yield their records in the order of the games."""
-    if parallel == 1:
-        # A program plays in this thread: a signal that ends the command ends its game.
-        yield from map(play, steps("playing", games))
-        return
-    with ThreadPoolExecutor(parallel) as pool:
-        records = pool.map(play, games)
-        try:
-            for _ in steps("playing", games):
-                yield next(records)
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-
-
 def play_all(
     player: TextPlayer,
     play: Play,
@@ -275,8 +404,8 @@ def play_all(
     settings = play.settings
     if tasks is None:
         tasks = [0]
-        if isinstance(play.games, TaskGames):
-            tasks = chosen_tasks(play.games.world, settings.tasks).tolist()
+        if not settings.is_open_ended:
+            tasks = chosen_tasks(play.world, settings.tasks).tolist()
     # A dict as an ordered set: games are played seed by seed.
     missing = dict.fromkeys(
         (task, seed) for seed, task in product(range(settings.distractor_seeds), tasks)
@@ -306,7 +435,10 @@ def play_all(
             converse(conversation, player.speaker(conversation))
             return record_of(conversation, task_and_seed[1])
 
-        for record in _in_turn(play_game, list(missing), parallel):
+        # Alone, a program plays in this thread: a signal that ends the command ends its game.
+        in_turn = Parallel(parallel, backend="threading", batch_size=1, return_as="generator")
+        records = in_turn(map(delayed(play_game), missing))
+        for _, record in zip(steps("playing", missing), records, strict=True):
             played.append(record)
             append_game(path, record)
     return played
@@ -369,8 +501,6 @@ def evaluate_program(
         ConfigError: if a folder has games of another player or other settings.
         ArtefactError: if a folder's games are damaged, or another process plays there.
     """
-    from wordcraft_kg.apps.text_agents.line_player import LinePlayer  # imports this module
-
     results = []
     with LinePlayer(player.name.partition(":")[2], timeout=player.timeout) as program:
         # A name may hold separators or `..`; the folder is always one below text-agents.
@@ -379,36 +509,17 @@ def evaluate_program(
         with continuable(folder):
             for world in worlds:
                 tasks = sampled_tasks(world, limit)
-                play = Play(
-                    TaskGames(world, _posed_tables(world, tasks)),
-                    PlayedSettings.of(
-                        world,
-                        world.split,
-                        distractor_seeds=tables,
-                        tasks=None if len(tasks) == len(world.tasks) else len(tasks),
-                    ),
+                play = TaskGames(
+                    world,
+                    table=EvaluationTables(world, limit).table,
+                    distractor_seeds=tables,
+                    tasks=None if len(tasks) == len(world.tasks) else len(tasks),
                 )
                 games = folder / f"distractors-{world.config.num_distractors}"
                 played = play_all(program, play, games, tasks.tolist())
                 results.append(evaluation_of(played, world.groups))
                 _log_answers(program.name, played)
     return program.name, results
-
-
-def _posed_tables(world: World, tasks: Ids) -> TableOf:
-    """Return the tables of an evaluation of these tasks, each in an environment of its own."""
-    engine = BatchEngine(world, len(tasks))
-    row_of_task = {task: row for row, task in enumerate(tasks.tolist())}
-
-    @cache
-    def tables(distractor_seed: int) -> list[list[int]]:
-        return engine.pose(tasks, distractor_seed, seed=EVALUATION_SEED).table.tolist()
-
-    def table(task: int, distractor_seed: int) -> list[int]:
-        slots = tables(distractor_seed)[row_of_task[task]]
-        return [entity for entity in slots if entity != world.nothing]
-
-    return table
 
 
 def _log_answers(name: str, played: Sequence[GameRecord]) -> None:
@@ -418,86 +529,3 @@ def _log_answers(name: str, played: Sequence[GameRecord]) -> None:
         logging.getLogger(__name__).warning(
             "%s: %s, %s lost", name, counted(invalid, "invalid answer"), counted(lost, "attempt")
         )
-
-
-def open_games(path: Path, header: GamesHeader) -> list[GameRecord]:
-    """Create a games file with this header, or return the games in an existing file.
-
-    An incomplete last line is cut off. The file is unchanged on errors.
-
-    Args:
-        path: the file.
-        header: player and settings of the games.
-
-    Raises:
-        ArtefactError: if the file is of another kind or damaged.
-        GraphMismatchError: if its games are of another graph or split.
-        ConfigError: if its games are of another player or other settings.
-    """
-    line = as_lines([header])[0].encode()
-    if not path.exists():
-        path.touch()
-    with path.open("rb") as file:
-        start = file.read(len(line))
-    # A beginning of the header is an empty file, or one whose writer was killed meanwhile.
-    is_unfinished_header = line.startswith(start) and start != line
-    if not is_unfinished_header:
-        stored_header, played, torn = read_games(path)
-        # Without games, nothing is lost by new settings.
-        if played or stored_header == header:
-            _check_header(path, stored_header, header)
-            if torn:
-                text = "%s ended in a torn line, which was dropped; the game is played again"
-                logging.getLogger(__name__).warning(text, path)
-                os.truncate(path, path.stat().st_size - len(torn))
-            return [*played]
-    try:
-        _write(path, "wb", line)
-    except OSError:
-        # Such as a full disk: a file without a game is as good as none.
-        path.unlink()
-        raise
-    return []
-
-
-def append_game(path: Path, played: GameRecord) -> None:
-    """Append the record of a game; it is on disk when this returns.
-
-    Raises:
-        OSError: if it cannot be written, such as on a full disk; the file is unchanged.
-    """
-    size = path.stat().st_size
-    try:
-        _write(path, "ab", as_lines([played])[0].encode())
-    except OSError:
-        # A part of the line may be there, and the next record would be glued to it.
-        with suppress(OSError):
-            os.truncate(path, size)
-        raise
-
-
-def _write(path: Path, mode: str, line: bytes) -> None:
-    with path.open(mode) as file:
-        file.write(line)
-        file.flush()
-        # Survives a power failure, too.
-        os.fsync(file.fileno())
-
-
-def _check_header(path: Path, stored: GamesHeader, header: GamesHeader) -> None:
-    if stored.player != header.player:
-        raise ConfigError(
-            f"'{path}' holds games by '{stored.player}', and the player is '{header.player}'. "
-            "Choose another `out`."
-        )
-    # Graph and split come first: another graph may also differ in settings.
-    for field in msgspec.structs.fields(PlayedSettings):
-        before = getattr(stored.settings, field.name)
-        value = getattr(header.settings, field.name)
-        if before != value:
-            is_graph = field.name in ("graph", "graph_hash", "split_hash")
-            kind = GraphMismatchError if is_graph else ConfigError
-            raise kind(
-                f"'{path}' holds games with `{field.name}` {before}, and this command has {value}. "
-                "Choose another `out`, or use the same settings."
-            )

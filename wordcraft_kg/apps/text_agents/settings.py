@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base import MAX_SIZE, ConfigError, one_of, whole
+from wordcraft_kg.base import MAX_SIZE, ConfigError, Count, Hash, Record, one_of, whole
 from wordcraft_kg.cli.console import Flag, split_labels
 from wordcraft_kg.envs.world_config import MAX_ATTEMPTS, WordCraftConfig
-from wordcraft_kg.graphs import MAX_DEPTH, TaskPart
+from wordcraft_kg.graphs import MAX_DEPTH, TaskPart, TrainedOn
 
 KnowledgeKind = Literal["none", "partial", "scorer"]
 """Look-up source: nothing, the train recipes, or a trained scorer's best links."""
@@ -63,8 +63,6 @@ class GameSettings:
     knowledge: KnowledgeKind = "none"
     scorer: Path | None = None
     look_ups: int = LOOK_UPS
-    # Settings that an open-ended game does not have.
-    _of_tasks: ClassVar[tuple[str, ...]] = ("part", "depth", "distractors")
 
     def __post_init__(self) -> None:
         # Checked here, because Python code and Inspect make settings without the command line.
@@ -74,7 +72,7 @@ class GameSettings:
         if self.base is not None and not self.open_ended:
             raise ConfigError(f"`base` {','.join(self.base)}: a base needs `open_ended`.")
         if self.open_ended:
-            for name in self._of_tasks:
+            for name in ("part", "depth", "distractors"):
                 # The class has the default: another value was given by the user.
                 if getattr(self, name) != getattr(type(self), name):
                     raise ConfigError(f"`open_ended` has no tasks; omit `{name}`.")
@@ -93,36 +91,52 @@ class GameSettings:
                 "omit the scorer."
             )
 
-    @property
-    def environment(self) -> WordCraftConfig:
-        """Environment settings for the tasks: part, depth, distractors and attempts."""
-        return WordCraftConfig(
-            part=self.part,
-            depth=self.depth,
-            num_distractors=self.distractors,
-            max_attempts=self.attempts,
-        )
 
-
-@dataclass(frozen=True)
-class EvaluationSettings(GameSettings):
-    """Games on which a text agent is evaluated.
+class PlayedSettings(Record, frozen=True, kw_only=True):
+    """Game settings as recorded with games; results with equal settings are comparable.
 
     Attributes:
-        distractor_seeds: distractor seeds per task; number of games with --open-ended.
-        tasks: number of tasks, evenly spaced over the part. Default: all.
-        max_invalid: consecutive invalid actions without cost; the next invalid action costs the
-            attempt.
+        graph: name of the graph.
+        graph_hash: content hash of the graph.
+        split_hash: content hash of the split.
+        part: part of the tasks; None in the open-ended world.
+        depth: fewest attempts that solve a task; None in the open-ended world.
+        distractors: entities on each table that no plan needs; None in the open-ended world.
+        attempts: attempts in a game.
+        base: labels of the entities at the start of open-ended games; empty for tasks.
+        distractor_seeds: distractor seeds per task, or number of open-ended games.
+        tasks: number of tasks, evenly spaced over the part; None for all.
+        knowledge: source of look-ups.
+        scorer: hash of the weights of the scorer that answers look-ups; None without one.
+        kg: training triples of this scorer (full or partial); None without one.
+        look_ups: look-ups in a game; 0 without a source.
+        max_invalid: consecutive invalid messages without cost.
+        prompt_hash: hash of all prompt texts, see :func:`~wordcraft_kg.envs.words.prompt_hash`.
+        track: name of a benchmark's track; None if the games are on no track.
+        answer_grammar: version of the rules by which answers were read
+            (``wordcraft_kg.base.answers``).
     """
 
-    distractor_seeds: int = 1
-    tasks: int | None = None
-    max_invalid: int = MAX_INVALID
-    _of_tasks: ClassVar[tuple[str, ...]] = (*GameSettings._of_tasks, "tasks")
+    graph: str
+    graph_hash: Hash
+    split_hash: Hash
+    part: TaskPart | None
+    depth: Count | None
+    distractors: Count | None
+    attempts: Count
+    base: tuple[str, ...] = ()
+    distractor_seeds: Count = 1
+    tasks: Count | None = None
+    knowledge: KnowledgeKind = "none"
+    scorer: Hash | None = None
+    kg: TrainedOn | None = None
+    look_ups: Count = LOOK_UPS
+    max_invalid: Count = MAX_INVALID
+    prompt_hash: Hash
+    track: str | None = None
+    answer_grammar: Count
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        whole("distractor_seeds", self.distractor_seeds, 1, MAX_SIZE)
-        if self.tasks is not None:
-            whole("tasks", self.tasks, 1, MAX_SIZE)
-        whole("max_invalid", self.max_invalid, 0, MAX_SIZE)
+    @property
+    def is_open_ended(self) -> bool:
+        """Whether the games are in the open-ended world."""
+        return self.part is None

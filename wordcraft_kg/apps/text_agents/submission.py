@@ -24,10 +24,9 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.apps.text_agents.benchmark import Track, open_track, read_manifest
-from wordcraft_kg.apps.text_agents.conversation import Play
-from wordcraft_kg.apps.text_agents.game_records import GAMES_FILE, GameRecord
 from wordcraft_kg.apps.text_agents.games import Picks, TaskGame
-from wordcraft_kg.apps.text_agents.results import mean_known
+from wordcraft_kg.apps.text_agents.plays import Play
+from wordcraft_kg.apps.text_agents.results import GAMES_FILE, GameRecord, mean_known
 from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.base import (
     TEMPORARY,
@@ -241,7 +240,7 @@ def replay(play: Play, number: int, played: GameRecord | GameLine) -> GameLine:
     # On tasks each game is another task with the first table; open-ended games are runs in one
     # world, told apart by the seed alone.
     task, seed = (0, number) if play.settings.is_open_ended else (number, 0)
-    game = play.games.begin(task, seed)
+    game = play.game(task, seed)
     new_labels: list[tuple[str, ...]] = []
     for attempt, pair in enumerate(played.pairs, 1):
         before = game.labels
@@ -432,8 +431,7 @@ def write_submission(
         track=track.name,
         graph_hash=track.opened.graph.hash,
         knowledge=knowledge,
-        **_totals(track, lines),
-        games_hash=hashlib.sha256(text).hexdigest(),
+        **_totals(track, lines, text),
         **about,
     )
     # Everything is complete and checked before an earlier submission is replaced.
@@ -450,7 +448,7 @@ def write_submission(
     return submission
 
 
-def _totals(track: Track, lines: Sequence[GameLine]) -> dict[str, Any]:
+def _totals(track: Track, lines: Sequence[GameLine], games: bytes) -> dict[str, Any]:
     lost = sum(line.pairs.count(None) for line in lines)
     look_ups = sum(line.look_ups for line in lines)
     invalid = sum(line.invalid_actions for line in lines)
@@ -461,6 +459,7 @@ def _totals(track: Track, lines: Sequence[GameLine]) -> dict[str, Any]:
         "answers_read": _rounded(answers / (answers + invalid)) if answers + invalid else None,
         "lost_attempts": lost,
         "figures": metrics_of(track, lines),
+        "games_hash": hashlib.sha256(games).hexdigest(),
     }
 
 
@@ -490,11 +489,9 @@ def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
     track = open_track(submission.track)
     if submission.graph_hash != track.opened.graph.hash:
         raise _refused(path, "graph_hash", submission.graph_hash, track.opened.graph.hash)
-    lines = read_lines(folder, track, track.play(submission.knowledge))
     games = read_submission_file(folder, GAMES_FILE)
-    games_hash = hashlib.sha256(games).hexdigest()
-    totals = _totals(track, lines) | {"games_hash": games_hash}
-    for name, value in totals.items():
+    lines = _replayed(games, folder / GAMES_FILE, track, track.play(submission.knowledge))
+    for name, value in _totals(track, lines, games).items():
         declared = getattr(submission, name)
         if declared != value:
             shown = json.dumps(as_values(declared))
@@ -592,11 +589,12 @@ def _refused(
     return ArtefactError(f"{path}: '{name}' is {shown}; expected {expected}. Please {remedy}.")
 
 
-def read_lines(folder: Path, track: Track, play: Play) -> list[GameLine]:
-    """Read and replay the games of a track.
+def _replayed(data: bytes, path: Path, track: Track, play: Play) -> list[GameLine]:
+    """Replay the games of a track.
 
     Args:
-        folder: folder or archive of the submission.
+        data: content of the file with the games.
+        path: its path, for errors.
         track: the track.
         play: the games of the track, with the look-ups that were offered.
 
@@ -607,8 +605,6 @@ def read_lines(folder: Path, track: Track, play: Play) -> list[GameLine]:
         ArtefactError: for a damaged file, a missing or needless game, or a line that differs from
             the replay; the message names the first such line.
     """
-    path = folder / GAMES_FILE
-    data = read_submission_file(folder, GAMES_FILE)
     # Counted before they are split: a file of line breaks would take eight times its size.
     num_lines = data.count(b"\n")
     if num_lines != len(track) or not data.endswith(b"\n"):
@@ -664,7 +660,7 @@ def read_submission_file(submission: Path, name: str) -> bytes:
     Args:
         submission: a folder, an archive, or a folder in an archive.
         name: :data:`SUBMISSION_FILE` or
-            :data:`~wordcraft_kg.apps.text_agents.game_records.GAMES_FILE`.
+            :data:`~wordcraft_kg.apps.text_agents.results.GAMES_FILE`.
 
     Raises:
         ArtefactError: if the file is missing, too large or damaged.
@@ -685,10 +681,8 @@ def read_submission_file(submission: Path, name: str) -> bytes:
 
 def _archive_of(submission: Path) -> Path | None:
     """Return the archive that a path names or goes into; None outside of archives."""
-    for path in (submission, *submission.parents):
-        if path.suffix == ARCHIVE and path.is_file():
-            return path
-    return None
+    paths = (submission, *submission.parents)
+    return next((path for path in paths if path.suffix == ARCHIVE and path.is_file()), None)
 
 
 def _in_archive(archive: Path) -> list[Path]:

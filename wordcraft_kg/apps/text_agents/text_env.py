@@ -10,9 +10,9 @@ import gymnasium as gym
 from gymnasium import spaces
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, PartialGraphKnowledge
-from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
-from wordcraft_kg.apps.text_agents.results import chosen_tasks
-from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, MAX_INVALID, LookUps
+from wordcraft_kg.apps.text_agents.games import TaskGame
+from wordcraft_kg.apps.text_agents.plays import TaskGames, chosen_tasks
+from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
 from wordcraft_kg.base import MAX_SIZE, ActionError, ConfigError, EpisodeError, one_of, whole
 from wordcraft_kg.envs.words import characters
 from wordcraft_kg.envs.world import World
@@ -94,11 +94,10 @@ class TextEnv(gym.Env[str, str]):
         self.render_mode = render_mode
         self.world = World.of(graph, settings)
         self.talk: Conversation | None = None
-        self._look_ups = whole("look_ups", look_ups, 0, MAX_SIZE)
-        self._games = TaskGames(self.world)
-        self._tasks = chosen_tasks(self.world, None, difficulty)
+        whole("look_ups", look_ups, 0, MAX_SIZE)
         facts = PartialGraphKnowledge(self.world.split) if knowledge == "partial" else None
-        self._knowledge = facts
+        self._play = TaskGames(self.world, facts, look_ups=look_ups)
+        self._tasks = chosen_tasks(self.world, None, difficulty)
         charset = characters(self.world.graph).union(string.printable, _UNKNOWN)
         self.observation_space = spaces.Text(LONGEST_OBSERVATION, min_length=1, charset=charset)
         self.action_space = spaces.Text(LONGEST_ACTION, min_length=0, charset=charset)
@@ -128,11 +127,8 @@ class TextEnv(gym.Env[str, str]):
         # Both are always drawn, so that an option does not change the games that follow.
         task = int(self._tasks[self.np_random.integers(len(self._tasks))])
         distractor_seed = int(self.np_random.integers(MAX_SIZE))
-        game = self._games.begin(
+        self.talk = self._play.begin(
             choices.get("task", task), choices.get("distractor_seed", distractor_seed)
-        )
-        self.talk = Conversation(
-            game, self._knowledge, max_invalid=MAX_INVALID, look_ups=self._look_ups
         )
         return self._in_space(self.talk.opening), self._info()
 
@@ -148,10 +144,9 @@ class TextEnv(gym.Env[str, str]):
         """
         if not isinstance(action, str):
             raise ActionError(f"action {action!r}: expected a text, such as 'water + earth'.")
-        if self.talk is None:
-            raise EpisodeError("call reset() before step().")
-        reply = self.talk.hear(action[-LONGEST_ACTION:])
-        return self._in_space(reply), self.talk.reward, self.talk.is_over, False, self._info()
+        talk = self._begun
+        reply = talk.hear(action[-LONGEST_ACTION:])
+        return self._in_space(reply), talk.reward, talk.is_over, False, self._info()
 
     def render(self) -> str | None:
         """Return the state in words; None without a ``render_mode``.
@@ -159,25 +154,25 @@ class TextEnv(gym.Env[str, str]):
         Raises:
             EpisodeError: before :meth:`reset`.
         """
-        return None if self.render_mode is None else self._game.state
+        return None if self.render_mode is None else self._begun.game.state
 
     @property
-    def _game(self) -> TaskGame:
+    def _begun(self) -> Conversation:
         if self.talk is None:
-            raise EpisodeError("call reset() first.")
-        assert isinstance(self.talk.game, TaskGame)
-        return self.talk.game
+            raise EpisodeError("there is no game; call reset() first.")
+        return self.talk
 
     def _info(self) -> Info:
-        game = self._game
-        assert self.talk is not None
+        talk = self._begun
+        game = talk.game
+        assert isinstance(game, TaskGame)
         return {
             "task": game.task,
             "distractor_seed": game.distractor_seed,
             "goal": game.goal,
             "is_success": game.is_made,
             "by_plan": game.by_plan,
-            "invalid_actions": self.talk.invalid_actions,
+            "invalid_actions": talk.invalid_actions,
         }
 
     def _in_space(self, text: str) -> str:

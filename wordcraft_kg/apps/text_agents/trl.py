@@ -19,13 +19,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain, product, zip_longest
 from typing import TYPE_CHECKING, Any, Literal
 
-from msgspec.structs import replace
-
 from wordcraft_kg.apps.text_agents.conversation import Conversation
-from wordcraft_kg.apps.text_agents.game_records import GameRecord
-from wordcraft_kg.apps.text_agents.games import TaskGames
-from wordcraft_kg.apps.text_agents.hosted_games import NamedGame, open_play, tool_opening
-from wordcraft_kg.apps.text_agents.results import chosen_tasks, record_of
+from wordcraft_kg.apps.text_agents.plays import NamedGame, chosen_tasks, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
 from wordcraft_kg.base import ConfigError, EpisodeError, whole
 from wordcraft_kg.base.extras import missing_extra
@@ -45,7 +40,7 @@ _SETTINGS = (
     "knowledge",
     "look_ups",
 )
-"""Columns with the arguments of :func:`~wordcraft_kg.apps.text_agents.hosted_games.open_play`."""
+"""Columns with the arguments of :func:`~wordcraft_kg.apps.text_agents.plays.open_play`."""
 COLUMNS = (*_SETTINGS, "split_hash", "task", "distractor_seed", "goal")
 """The columns of a row that name a game: the rest of a row is for the trainer.
 
@@ -106,9 +101,7 @@ class CraftingEnvironment:
             first ``reset``.
     """
 
-    def __init__(self) -> None:
-        """Wait for a row."""
-        self.talk: Conversation | None = None
+    talk: Conversation | None = None
 
     def reset(self, **row: Any) -> str | None:
         """Begin the game of a row from :func:`crafting_rows`.
@@ -141,18 +134,6 @@ class CraftingEnvironment:
     def get_reward(self) -> float:
         """Return the reward so far: 1 for the goal, and the row's shaped rewards."""
         return self._begun.game.reward
-
-    @property
-    def record(self) -> GameRecord:
-        """The game as a record without messages, given up if it is not over.
-
-        Raises:
-            EpisodeError: before ``reset``.
-        """
-        talk = self._begun
-        # A trainer may stop a game at its limit of tokens; it then counts as given up.
-        talk.game.end()
-        return replace(record_of(talk), messages=())
 
     @property
     def _begun(self) -> Conversation:
@@ -249,8 +230,7 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
     for each_depth, number in product(depths, numbers):
         num_attempts = each_depth if attempts is None else attempts
         play = open_play(graph, part, each_depth, number, num_attempts, reward, knowledge, look_ups)
-        assert isinstance(play.games, TaskGames)
-        task_numbers = chosen_tasks(play.games.world, tasks, difficulty).tolist()
+        task_numbers = chosen_tasks(play.world, tasks, difficulty).tolist()
         for task, seed in product(task_numbers, range(tables)):
             # The game is begun for its goal and first message, and begun again from the row.
             game = NamedGame(play, task, seed)

@@ -8,10 +8,12 @@ from importlib.resources import files
 from urllib.parse import SplitResult, urlsplit
 
 from h11 import LocalProtocolError
-from starlette.datastructures import Headers
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocket
 
 from wordcraft_kg.base import WordCraftKGError, for_terminal
 from wordcraft_kg.reports.pages import make_environment
@@ -35,6 +37,8 @@ LONGEST_BODY = 65_536
 """Bytes of a request's body: more than any form."""
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 """Names of this machine, which are always permitted: no other machine can answer to them."""
+_FOREIGN = 1008
+"""Code with which a web socket of a foreign page is closed."""
 ErrorPage = Callable[[int, str], str]
 """Returns the HTML page of an error from its status and message."""
 
@@ -74,10 +78,17 @@ class Guard:
         self.hosts = {*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request."""
+        """Answer a request, or let a web socket pass."""
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
-        # No web sockets: no page needs them.
+        if scope["type"] == "websocket":
+            headers = Headers(scope=scope)
+            # A page of another site must not play here from its reader's browser.
+            if _host_of(headers) not in self.hosts or is_of_another_site(headers):
+                logging.getLogger(__name__).warning("refused a web socket of another site")
+                await WebSocket(scope, receive, send).close(_FOREIGN)
+            else:
+                await self.app(scope, receive, send)
         if scope["type"] != "http":
             return
         guarded = _Sender(send)
@@ -97,8 +108,8 @@ class Guard:
         """Let the application answer; return status and message if an error page is needed."""
         try:
             await self.app(scope, _limited(receive), send)
-        except _Refused as error:
-            return error.status, str(error)
+        except HTTPException as error:
+            return error.status_code, error.detail
         except asyncio.CancelledError:
             # The server stops. A begun answer cannot become an error page any more.
             if send.has_begun:
@@ -122,8 +133,9 @@ class Guard:
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
         """Return status and message if a request is refused; None if it may pass."""
         headers = Headers(scope=scope)
-        if refusal := foreign_host(headers, self.hosts):
-            return refusal
+        host = _host_of(headers)
+        if host not in self.hosts:
+            return 421, f"This server does not accept requests for the host '{host[:60]}'."
         if scope["method"] not in self.methods:
             return 405, f"The method {scope['method'][:20]} is not allowed here."
         if scope["method"] == "POST" and is_of_another_site(headers):
@@ -134,16 +146,9 @@ class Guard:
         return None
 
 
-def foreign_host(headers: Headers, hosts: Collection[str]) -> tuple[int, str] | None:
-    """Return status and message for a request to another host than ``hosts``, in lower case.
-
-    None for a request to one of them.
-    """
-    # An address that cannot be read has no host, and so is refused.
-    host = _split(f"//{headers.get('host', '')}").hostname or ""
-    if host in hosts:
-        return None
-    return 421, f"This server does not accept requests for the host '{host[:60]}'."
+def _host_of(headers: Headers) -> str:
+    """Return the host that a request names; empty for an address that cannot be read."""
+    return _split(f"//{headers.get('host', '')}").hostname or ""
 
 
 def is_of_another_site(headers: Headers) -> bool:
@@ -171,17 +176,8 @@ class _Sender:
         """Send a message; the first one of an answer carries the headers."""
         if message["type"] == "http.response.start":
             self.has_begun = True
-            security_headers = [
-                (name.lower().encode(), value.encode()) for name, value in HEADERS.items()
-            ]
-            message = {**message, "headers": [*message.get("headers", ()), *security_headers]}
+            MutableHeaders(scope=message).update(HEADERS)
         await self.send(message)
-
-
-class _Refused(Exception):
-    def __init__(self, status: int, message: str):
-        super().__init__(message)
-        self.status = status
 
 
 def _limited(receive: Receive) -> Receive:
@@ -193,7 +189,7 @@ def _limited(receive: Receive) -> Receive:
         message = await receive()
         received += len(message.get("body", b""))
         if received > LONGEST_BODY:
-            raise _Refused(413, f"The request is too large (limit: {LONGEST_BODY:,} bytes).")
+            raise HTTPException(413, f"The request is too large (limit: {LONGEST_BODY:,} bytes).")
         return message
 
     return limited

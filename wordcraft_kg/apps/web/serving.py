@@ -15,16 +15,8 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from wordcraft_kg.base import ConfigError, whole
 from wordcraft_kg.runs.run_folder import sigterm_as_interrupt
 
-HEADER_WAIT = 30.0
-"""Seconds until the header of a request must be complete.
-
-They begin with the connection, or with the end of the last answer. A telephone that loses four
-packets in a row needs 15.
-"""
-BODY_WAIT = 60.0
-"""Seconds until the body of a request must be complete, from its header on; forms have < 1 KB."""
-READING_WAIT = 60.0
-"""Seconds in which a client must take at least one byte of an unsent answer.
+CLIENT_WAIT = 60.0
+"""Seconds for a client's next step: a whole header, a whole body, or a byte of an unsent answer.
 
 Slow clients may take any time in all.
 """
@@ -53,11 +45,6 @@ def most_web_sockets() -> int:
     return max((soft_limit - _OTHER_FILES) // 3, 8)
 
 
-def most_connections() -> int:
-    """Return the maximum number of other connections, at most :data:`MOST_CONNECTIONS`."""
-    return min(MOST_CONNECTIONS, most_web_sockets())
-
-
 class Connection(H11Protocol):
     """A connection that is closed if its client makes the server wait, or its place is needed.
 
@@ -84,7 +71,7 @@ class Connection(H11Protocol):
         http = [held for held in self.connections if isinstance(held, Connection)]
         if len(http) > self.limit:
             # The new connection waits for its client as well, so there is always one.
-            waiting = [held for held in http if held._patience() is not None]
+            waiting = [held for held in http if held._waits_for_client()]
             min(waiting, key=lambda held: held._silent_since).end()
 
     def handle_websocket_upgrade(self, event: h11.Request) -> None:
@@ -122,16 +109,13 @@ class Connection(H11Protocol):
         if unsent < self._unsent:
             self._silent_since = self.loop.time()  # the client is reading
         self._unsent = unsent
-        patience = self._patience()
-        return patience is not None and self.loop.time() - self._silent_since > patience
+        return self._waits_for_client() and self.loop.time() - self._silent_since > CLIENT_WAIT
 
-    def _patience(self) -> float | None:
-        """Return the seconds for the client's next step, or None if it is the server's turn."""
-        if self.transport.get_write_buffer_size():
-            return READING_WAIT
-        if self.cycle is None or self.cycle.response_complete:
-            return HEADER_WAIT
-        return BODY_WAIT if self.cycle.more_body else None
+    def _waits_for_client(self) -> bool:
+        """Whether the client has the next step, and not the server."""
+        has_unsent = self.transport.get_write_buffer_size() > 0
+        is_between_requests = self.cycle is None or self.cycle.response_complete
+        return has_unsent or is_between_requests or self.cycle.more_body
 
 
 def end_overdue(connections: Collection[object]) -> None:
@@ -166,14 +150,12 @@ def listen(host: str, port: int) -> socket.socket:
             f"`host` '{host}': unknown host; expected an address of this machine, such as "
             "127.0.0.1."
         ) from None
-    # asyncio sets TCP_NODELAY only for a named protocol; otherwise a page may wait for 40 ms.
-    listening = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    is_dualstack = family == socket.AF_INET6 and socket.has_dualstack_ipv6()
     try:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listening.bind((host, port))
-        listening.listen(_WAITING)
+        bound = socket.create_server(
+            (host, port), family=family, backlog=_WAITING, dualstack_ipv6=is_dualstack
+        )
     except OSError as error:
-        listening.close()
         reasons = {
             errno.EADDRINUSE: (
                 "is in use by another program; choose another port (0 selects a free port)"
@@ -184,7 +166,9 @@ def listen(host: str, port: int) -> socket.socket:
         raise ConfigError(
             f"`port` {port} {reasons.get(error.errno or 0, error.strerror)}."
         ) from None
-    return listening
+    # Opened by its number it names its protocol: else asyncio leaves TCP_NODELAY off, and a page
+    # may wait for 40 ms.
+    return socket.socket(fileno=bound.detach())
 
 
 def serve(
@@ -229,7 +213,7 @@ def serve(
 
     # A class for each server: the limit of open files is that of the moment.
     class LimitedConnection(Connection):
-        limit = most_connections()
+        limit = min(MOST_CONNECTIONS, most_web_sockets())
         web_socket_limit = most_web_sockets()
 
     config = uvicorn.Config(

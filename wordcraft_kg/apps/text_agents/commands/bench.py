@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -19,9 +19,6 @@ from wordcraft_kg.base import (
 )
 from wordcraft_kg.cli.console import Flag, Output, aligned
 from wordcraft_kg.cli.options import Force
-
-if TYPE_CHECKING:
-    pass
 
 GROUP = "Text agents"
 FILE_ONLY = {"bench run": ("--price",)}
@@ -43,15 +40,14 @@ EXAMPLES = {
 
 def bench_list(*, output: Output = Output()) -> None:
     """List the benchmark's tracks, and the kinds of players for `bench run`."""
-    from wordcraft_kg.apps.text_agents.benchmark import read_manifest
-    from wordcraft_kg.apps.text_agents.benchmark_players import KINDS
+    from wordcraft_kg.apps.text_agents import benchmark, benchmark_players
 
-    manifest, manifest_hash = read_manifest()
+    manifest, manifest_hash = benchmark.read_manifest()
     tracks = {
         name: {"about": track.about, "games": counted(len(track.tasks or track.orders), "game")}
         for name, track in manifest.tracks.items()
     }
-    kinds = {kind.usage(name): kind.about for name, kind in KINDS.items()}
+    kinds = {kind.usage(name): kind.about for name, kind in benchmark_players.KINDS.items()}
 
     def text() -> Iterator[str]:
         yield f"{manifest.name} of {manifest.date}, {manifest.licence}, {manifest_hash[:12]}"
@@ -118,45 +114,31 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
             OPENAI_API_KEY.
         parallel: games at a time, for openai:MODEL.
     """
-    from wordcraft_kg.apps.text_agents.benchmark import open_track, rank_text
-    from wordcraft_kg.apps.text_agents.benchmark_players import (
-        Declared,
-        RunSettings,
-        enter,
-        prompts_of,
-    )
-    from wordcraft_kg.apps.text_agents.game_records import GAMES_FILE
-    from wordcraft_kg.apps.text_agents.results import continuable
-    from wordcraft_kg.apps.text_agents.submission import (
-        MESSAGES,
-        check_folder,
-        result_lines,
-        write_submission,
-    )
+    from wordcraft_kg.apps.text_agents import benchmark, benchmark_players, results, submission
     from wordcraft_kg.runs.run_folder import locked_folder
 
     # Everything that the user can mistype is checked before the games, which may take hours.
-    messages = out / MESSAGES
+    messages = out / submission.MESSAGES
     is_program = player.startswith(("program:", "openai:"))
     if base_url is not None and not player.startswith("openai:"):
         raise ConfigError(f"`base_url` is for --player openai:MODEL, not '{player[:100]}'.")
-    games = messages / GAMES_FILE
-    check_folder(out, games, is_program=is_program, force=force)
-    declared = Declared(name, training_data, licence, tokens, price)
+    games = messages / results.GAMES_FILE
+    submission.check_folder(out, games, is_program=is_program, force=force)
+    declared = benchmark_players.Declared(name, training_data, licence, tokens, price)
     declared.check(weights)
     prompts_hash = None
     if prompts is not None:
         prompts_hash = hashlib.sha256(read_small_file(prompts)).hexdigest()
-    benchmark_track = open_track(track)
+    benchmark_track = benchmark.open_track(track)
     begin = time.perf_counter()
     with locked_folder(out, "written"):
         # Once more under the lock: another process may have played meanwhile.
-        is_replacing = check_folder(out, games, is_program=is_program, force=force)
-        with continuable(messages):
-            settings = RunSettings(
+        is_replacing = submission.check_folder(out, games, is_program=is_program, force=force)
+        with results.continuable(messages):
+            settings = benchmark_players.RunSettings(
                 messages, look_ups, timeout, weights, is_replacing, base_url, parallel
             )
-            kind, entrant = enter(benchmark_track, player, settings)
+            kind, entrant = benchmark_players.enter(benchmark_track, player, settings)
         if declared.tokens and entrant.tokens is not None:
             raise ConfigError(
                 f"`tokens`: the log of '{player[:100]}' has its own numbers. Leave the option out."
@@ -165,18 +147,18 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
         about = {
             "kind": kind,
             **declared.facts(entrant),
-            **prompts_of(entrant, prompts_hash),
+            **benchmark_players.prompts_of(entrant, prompts_hash),
             "seconds": seconds if measured else None,
             "date": time.strftime("%Y-%m-%d", time.gmtime()) if measured else None,
         }
-        submission = write_submission(out, benchmark_track, entrant.games, look_ups, about)
+        entry = submission.write_submission(out, benchmark_track, entrant.games, look_ups, about)
         if not is_program:
             # A program's prompts and answers belong to the submission. Other players have none, so
             # a folder here is from the player of a submission that was replaced.
             shutil.rmtree(messages, ignore_errors=True)
-    rank = rank_text(benchmark_track.name, submission.figures.mean)
-    view = {"out": str(out), "submission": submission, "rank": rank}
-    lines = [*result_lines(submission), *filter(None, [rank])]
+    rank = benchmark.rank_text(benchmark_track.name, entry.figures.mean)
+    view = {"out": str(out), "submission": entry, "rank": rank}
+    lines = [*submission.result_lines(entry), *filter(None, [rank])]
     output.result(view, [*lines, f"wrote {out}/   next: wordcraft-kg bench verify {out}"])
 
 
@@ -200,16 +182,16 @@ def bench_verify(
         weights: file with a text player's weights.
         timeout: seconds for an answer of a program.
     """
-    from wordcraft_kg.apps.text_agents.submission import metrics_text, submissions_at, verify
+    from wordcraft_kg.apps.text_agents import submission
 
     if not folders:
         raise ConfigError("expected at least one folder of `wordcraft-kg bench run`.")
     marks: list[dict[str, Any]] = []
     lines = []
-    for folder in chain.from_iterable(map(submissions_at, folders)):
+    for folder in chain.from_iterable(map(submission.submissions_at, folders)):
         # A refused submission does not end the command: the others are still checked.
         try:
-            checked = verify(folder)
+            checked = submission.verify(folder)
             mark = "replayed"
             if player is not None:
                 from wordcraft_kg.apps.text_agents.benchmark_players import reproduce
@@ -222,7 +204,7 @@ def bench_verify(
             continue
         marks.append({"folder": str(folder), "mark": mark, "submission": checked})
         games = counted(checked.figures.games, "game")
-        result = f"{metrics_text(checked.figures)} over {games}"
+        result = f"{submission.metrics_text(checked.figures)} over {games}"
         lines.append(f"{mark}  {checked.track}  {checked.player}  {result}   {folder}")
     output.result({"submissions": marks}, lines)
     return 1 if any(entry["mark"] == "refused" for entry in marks) else 0

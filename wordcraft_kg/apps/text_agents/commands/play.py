@@ -16,10 +16,11 @@ from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.base import MAX_SIZE, ConfigError, for_terminal, whole
 from wordcraft_kg.cli.console import Flag, Output, split_labels
 from wordcraft_kg.cli.options import Book, Force
-from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.graphs import TaskPart, open_graph
 
 if TYPE_CHECKING:
-    from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
+    from wordcraft_kg.apps.text_agents.conversation import Conversation
+    from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, Play
 
 GROUP = "Tasks and play"
 EXAMPLES = (
@@ -87,11 +88,9 @@ class Terminal:
             if typed.casefold() in ("?", "help"):
                 self.say(help_text(talk))
                 continue
-            mistakes = talk.invalid_actions
             reply = talk.hear(typed)
             # A mistake changes nothing, and the list of items may be long.
-            is_mistake = talk.invalid_actions > mistakes
-            self.say(reply.removesuffix(f"\n\n{talk.game.state}") if is_mistake else reply)
+            self.say(talk.outcome if talk.is_invalid else reply)
 
     @contextmanager
     def until_quit(self, tally: Callable[[], str]) -> Iterator[None]:
@@ -176,13 +175,13 @@ def play(  # noqa: PLR0913 - parameters are the command's options
         # Shown at the end and short enough to type, so that the same tasks can be played again.
         seed = secrets.randbelow(1_000_000)
     whole("seed", seed, 0)
-    from wordcraft_kg.apps.text_agents.conversation import Play
+    from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, Play
 
     # A person corrects a typing error as often as it takes.
     games = Play.open(graph, settings, max_invalid=MAX_SIZE)
     # With --json, stdout is for the result alone.
     terminal = Terminal(sys.stderr if output.json else sys.stdout)
-    if open_ended:
+    if isinstance(games, DiscoveryGames):
         _play_open_world(terminal, games, output)
     else:
         _play_tasks(terminal, games, seed, episodes, output)
@@ -202,7 +201,6 @@ def _play_page(
     check_extra("explore")
     from wordcraft_kg.apps.text_agents.browser_game import export_game, icons_of, make_game_app
     from wordcraft_kg.apps.web.serving import listen, serve
-    from wordcraft_kg.graphs.graph_folder import open_graph
 
     graph = open_graph(source).graph
     icons = icons_of(source, graph)
@@ -224,10 +222,7 @@ def _play_tasks(
 ) -> None:
     import numpy as np
 
-    from wordcraft_kg.apps.text_agents.games import TaskGames
-
-    assert isinstance(games.games, TaskGames)
-    tasks = games.games.world.tasks
+    tasks = games.world.tasks
     rng = np.random.default_rng(seed)
     played = successes = 0
 
@@ -263,11 +258,10 @@ def _play_tasks(
     output.result(values, [tally()])
 
 
-def _play_open_world(terminal: Terminal, games: "Play", output: Output) -> None:
-    from wordcraft_kg.apps.text_agents.games import DiscoveryGame, DiscoveryGames
+def _play_open_world(terminal: Terminal, games: "DiscoveryGames", output: Output) -> None:
+    from wordcraft_kg.apps.text_agents.games import DiscoveryGame
 
-    assert isinstance(games.games, DiscoveryGames)
-    reachable = games.games.env.discovery.reachable
+    reachable = games.discovery.reachable
     talk = games.begin()
     game = talk.game
     assert isinstance(game, DiscoveryGame)

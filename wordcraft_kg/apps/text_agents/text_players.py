@@ -1,7 +1,7 @@
-"""The line protocol for external players: any program that reads and writes lines can play.
+"""Players outside of this process: programs by the line protocol, and models behind an address.
 
-The program is started once. It reads a JSON object in a line from stdin, and writes a line with the
-answer to stdout, until its input ends:
+Any program that reads and writes lines can play. The program is started once. It reads a JSON
+object in a line from stdin, and writes a line with the answer to stdout, until its input ends:
 
 | key | meaning |
 |---|---|
@@ -14,7 +14,11 @@ answer to stdout, until its input ends:
 
 A program may be foreign, and it may hang, crash, write without end or leave processes behind. So
 each pipe has a thread of its own, every wait has a limit, and the program's environment holds no
-keys.
+keys. Its stderr is that of this process.
+
+A :class:`ChatServer` is a model behind the chat completions API. The key comes from the environment
+alone, and no message shows it. A redirection is refused, since it would carry the key to another
+server.
 """
 
 import json
@@ -24,21 +28,38 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
+from http.client import HTTPException
 from pathlib import Path
 from queue import Empty, Full, Queue, SimpleQueue
 from types import TracebackType
-from typing import Self
+from typing import Any, Protocol
+from urllib.error import HTTPError, URLError
+from urllib.parse import urlsplit
+from urllib.request import HTTPRedirectHandler, Request, build_opener
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT
 from wordcraft_kg.base import ConfigError, PlayerError, for_terminal, number_in
 
+
+class TextPlayer(Protocol):
+    """A program or a model that plays by text, several games one after another or at a time.
+
+    Attributes:
+        name: the player's name in results.
+    """
+
+    name: str
+
+    def speaker(self, talk: Conversation) -> Callable[[str], str]:
+        """Begin a game: return a function from a prompt in this conversation to the answer."""
+
+
 MOST_CHARACTERS = 100_000
 """Most characters in an answer line; a language model may include reasoning."""
-_MOST_LOG = 1_000_000
-"""Most bytes of the program's stderr that are shown."""
 # Lines that a program has written and nobody has read. There should be one: more are an error, and
 # a program that writes without end must not fill the memory.
 _MOST_WAITING = 16
@@ -66,7 +87,7 @@ _PASSED_ON = frozenset(
 _OWN_PREFIXES = ("LC_", "WORDCRAFT_KG_")
 
 
-class LinePlayer:
+class LinePlayer(AbstractContextManager["LinePlayer"]):
     """A running program that plays by the line protocol.
 
     The program receives the environment variables of :func:`player_environment`. It runs as the
@@ -116,7 +137,6 @@ class LinePlayer:
                 words,
                 stdin=pipe,
                 stdout=pipe,
-                stderr=pipe,
                 start_new_session=True,
                 env=player_environment(os.environ),
             )
@@ -127,14 +147,8 @@ class LinePlayer:
         # Direct writing would block on a program that does not read.
         self._unsent: SimpleQueue[bytes | None] = SimpleQueue()
         # Daemons: a thread that waits for a pipe must not keep this process from ending.
-        self._logging = threading.Thread(target=self._log, daemon=True)
-        self._logging.start()
         threading.Thread(target=self._read, daemon=True).start()
         threading.Thread(target=self._write, daemon=True).start()
-
-    def __enter__(self) -> Self:
-        """Return the player."""
-        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
@@ -152,7 +166,6 @@ class LinePlayer:
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.kill()
         self._process.wait()
-        self._logging.join(1)
 
     def speaker(self, talk: Conversation) -> Callable[[str], str]:
         """Begin a game: return a function from a prompt in this conversation to the answer.
@@ -161,20 +174,17 @@ class LinePlayer:
         """
         self._games += 1
         number = self._games
-        is_new = True
 
         def answer(prompt: str) -> str:
-            nonlocal is_new
             game = talk.game
             line = {
                 "game": number,
-                "new": is_new,
+                "new": prompt == talk.opening,
                 "text": prompt,
                 "goal": game.goal,
                 "table": list(game.labels),
                 "attempts_left": game.attempts_left,
             }
-            is_new = False
             return self.ask(json.dumps(line, ensure_ascii=False))
 
         return answer
@@ -253,27 +263,6 @@ class LinePlayer:
             self._lines.put(None, timeout=self._timeout)
         stream.close()
 
-    def _log(self) -> None:
-        """Show the program's stderr, without control characters; runs in a thread.
-
-        Reading goes on when no more is shown: a full pipe would stop the program.
-        """
-        stream = self._process.stderr
-        room = _MOST_LOG
-        assert stream is not None
-        while line := stream.readline(1_000):
-            if room > 0:
-                text = line.decode(errors="replace").rstrip("\r\n")
-                # Escape sequences could rewrite what the terminal shows; tabs are harmless.
-                sys.stderr.write("\t".join(map(for_terminal, text.split("\t"))) + "\n")
-                room -= len(line)
-                if room <= 0:
-                    sys.stderr.write(
-                        f"{self.name}: more than {_MOST_LOG:,} bytes on stderr; the rest is not "
-                        "shown\n"
-                    )
-        stream.close()
-
 
 def player_environment(variables: Mapping[str, str]) -> dict[str, str]:
     """Return the environment variables that a player's program receives.
@@ -314,3 +303,140 @@ def name_of(words: list[str]) -> str:
             if not word.startswith("-") and Path(word).is_file():
                 return Path(word).name
     return Path(words[0]).name
+
+
+KEY = "OPENAI_API_KEY"
+"""Environment variable with the key; servers on this machine need none."""
+_TRIES = 5
+"""Requests for an answer, with pauses of 1, 2, 4 and 8 seconds."""
+_BUSY = (408, 409, 429, 500, 502, 503, 504)
+"""Statuses after which another request may succeed."""
+_MOST_TOKENS = 1_000
+_LONGEST_REPLY = 1_000_000
+"""Bytes of a server's reply that are read."""
+
+
+class _NoRedirects(HTTPRedirectHandler):
+    def redirect_request(self, *_: Any) -> None:
+        """Redirect nowhere: the reply becomes an HTTPError."""
+
+
+def _is_address(text: str) -> bool:
+    try:
+        parts = urlsplit(text)
+        # Reading a port raises ValueError for one that is no number.
+        return parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+    except ValueError:
+        return False
+
+
+def _text_in(content: Any) -> str:
+    """Return the text of a message: a text, or a list of parts of which some have text.
+
+    Raises TypeError, LookupError or AttributeError for another content.
+    """
+    # Reasoning models may leave the answer empty when their tokens run out.
+    if content is None:
+        return ""
+    if isinstance(content, str):
+        return content
+    return "".join(part["text"] for part in content if part["type"] == "text")
+
+
+class ChatServer:
+    """A model behind an address; games may go on at once.
+
+    Attributes:
+        name: the model's name.
+    """
+
+    def __init__(self, model: str, base_url: str, timeout: float, pause: float = 1.0):
+        """Take an address; nothing is sent yet.
+
+        Args:
+            model: the model's name on the server.
+            base_url: address of the API, such as ``http://127.0.0.1:8000/v1``.
+            timeout: seconds for a reply.
+            pause: seconds before the second request; each further pause is twice as long.
+
+        Raises:
+            ConfigError: if the address is none of HTTP, or the key cannot be sent.
+        """
+        if not _is_address(base_url):
+            raise ConfigError(
+                f"`base_url` '{base_url[:100]}': expected the address of a chat completions API, "
+                f"such as http://127.0.0.1:8000/v1. Its key is read from {KEY}."
+            )
+        self.name = model
+        self._address = f"{base_url.rstrip('/')}/chat/completions"
+        self._timeout = timeout
+        self._pause = pause
+        # Files of settings often end a key by a line break.
+        self._key = os.environ.get(KEY, "").strip()
+        if not (self._key.isascii() and (self._key + "0").isprintable()):
+            raise ConfigError(
+                f"{KEY} has a letter that no key has; expected ASCII letters, digits and signs. "
+                "Copy the key again."
+            )
+        self._opener = build_opener(_NoRedirects())
+
+    def speaker(self, talk: Conversation) -> Callable[[str], str]:
+        """Begin a game: return a function from a prompt in this conversation to the answer."""
+        messages: list[dict[str, str]] = []
+
+        def answer(prompt: str) -> str:
+            messages.append({"role": "user", "content": prompt})
+            text = self.ask(messages)
+            messages.append({"role": "assistant", "content": text})
+            return text
+
+        return answer
+
+    def ask(self, messages: list[dict[str, str]]) -> str:
+        """Return the model's answer to a conversation.
+
+        Raises:
+            PlayerError: if the server is down, refuses the request, or replies something else.
+        """
+        body = {
+            "model": self.name,
+            "messages": messages,
+            "temperature": 0,
+            "max_tokens": _MOST_TOKENS,
+        }
+        headers = {"Content-Type": "application/json"}
+        if self._key:
+            headers["Authorization"] = f"Bearer {self._key}"
+        request = Request(self._address, json.dumps(body).encode(), headers)
+        for number in range(_TRIES):
+            try:
+                with self._opener.open(request, timeout=self._timeout) as response:
+                    return self._read(response.read(_LONGEST_REPLY))
+            except HTTPError as error:
+                content = error.read(_LONGEST_REPLY).decode("utf-8", "replace")
+                failure = f"answers with {error.code}: {content or error.reason}"
+                is_final = error.code not in _BUSY
+            except TimeoutError:
+                failure = f"has not answered in {self._timeout:g} seconds"
+                is_final = False
+            except (URLError, HTTPException, OSError) as error:
+                failure = f"does not answer ({getattr(error, 'reason', error)}). Start the server"
+                is_final = True
+            if is_final or number + 1 == _TRIES:
+                break
+            time.sleep(self._pause * 2**number)
+        raise PlayerError(f"{self._address} {self._shown(failure)}.")
+
+    def _read(self, data: bytes) -> str:
+        try:
+            return _text_in(json.loads(data)["choices"][0]["message"]["content"])
+        except (LookupError, TypeError, ValueError, AttributeError):
+            shown = self._shown(data.decode("utf-8", "replace"))
+            raise PlayerError(
+                f"{self._address} answers '{shown}'; expected a reply of a chat completions API."
+            ) from None
+
+    def _shown(self, text: str) -> str:
+        """Return a server's words in one line, without the key, which some servers repeat."""
+        public_text = text.replace(self._key, "***") if self._key else text
+        return for_terminal(" ".join(public_text.split()))[:2_000].rstrip(".")

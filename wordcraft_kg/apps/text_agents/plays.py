@@ -1,0 +1,559 @@
+"""Games to play, by their settings, by a number, or by a name.
+
+A name such as ``everyday-train-2-8-17-0`` says everything that a game depends on: graph, part,
+depth, number of distractors, task and distractor seed. So a game of a data set, of a server and of
+a file of conversations is the same game if its name is the same.
+
+The difficulty of the built-in book's tasks was measured by three players. Its file has a line for
+each task of the benchmark's splits and depths: the number of tables, out of five with eight
+distractors, on which it was solved by nearest words, by a learner after a short training, and by a
+planner. ``data/make_difficulty.py`` measures and writes it.
+"""
+
+import copy
+import csv
+import gzip
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.apps.text_agents.conversation import Conversation, Knowledge, open_knowledge
+from wordcraft_kg.apps.text_agents.games import DiscoveryGame, Game, TaskGame
+from wordcraft_kg.apps.text_agents.settings import (
+    ATTEMPTS,
+    LOOK_UPS,
+    GameSettings,
+    LookUps,
+    PlayedSettings,
+)
+from wordcraft_kg.base import (
+    MAX_SIZE,
+    ConfigError,
+    counted,
+    number_in,
+    one_of,
+    whole,
+)
+from wordcraft_kg.base.labels import ANSWER_GRAMMAR
+from wordcraft_kg.envs.draws import EvaluationTables
+from wordcraft_kg.envs.open_ended import Discovery
+from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.envs.words import prompt_hash
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import REWARDS, WordCraftConfig
+from wordcraft_kg.graphs import Entity, Ids, OpenedGraph, TaskPart, open_graph
+
+DIFFICULTY_FILE = Path(__file__).parent / "difficulty.csv.gz"
+DIFFICULTY_COLUMNS = ("split", "goal", "start", "words", "learner", "planner")
+MEASURED_TABLES = 5
+"""Tables of a task on which each player was measured."""
+
+
+def chosen_tasks(
+    world: World, limit: int | None, difficulty: tuple[float, float] | None = None
+) -> Ids:
+    """Return the indices of the tasks to play, shape (T,), ascending.
+
+    Tasks are evenly spaced, because enumerated tasks are sorted by goal: the first ones would be of
+    few goals. Nothing is drawn, so all players get the same tasks.
+
+    Args:
+        world: the world.
+        limit: number of tasks; None for all.
+        difficulty: least and largest difficulty of the tasks, see
+            :func:`tasks_within`; None for all.
+
+    Raises:
+        ConfigError: for a number below 1, or a range of difficulty in which no task was measured.
+    """
+    if limit is not None:
+        whole("tasks", limit, 1, MAX_SIZE)
+    tasks = np.arange(len(world.tasks))
+    if difficulty is not None:
+        tasks = tasks_within(world, difficulty)
+    number = len(tasks)
+    limit = number if limit is None else min(limit, number)
+    return tasks[np.arange(limit) * number // limit]
+
+
+def task_keys(world: World) -> Iterator[tuple[str, ...]]:
+    """Yield the key of each task in the file: split, goal and starting ingredients, by id."""
+    split = world.split.hash[:12]
+    for goal, start in zip(world.tasks.goals.tolist(), world.tasks.starts.tolist(), strict=True):
+        yield split, str(goal), " ".join(map(str, start))
+
+
+def measured_success(world: World) -> NDArray[np.float64]:
+    """Return the success of words, learner and planner on each task, shape (T, 3), from 0 to 1.
+
+    It is that with eight distractors, whatever the world's number.
+
+    Raises:
+        ConfigError: if a task was not measured.
+    """
+    counts = [_measured().get(key) for key in task_keys(world)]
+    if None in counts:
+        raise ConfigError(
+            f"`difficulty`: {counts.count(None):,} of {len(counts):,} tasks of "
+            f"{world.graph.name} were not measured; expected tasks of depth 1 or 2 of everyday, or "
+            "of depth 1 of its split by-goal. data/make_difficulty.py measures tasks."
+        )
+    return np.array(counts) / MEASURED_TABLES
+
+
+def tasks_within(world: World, limits: tuple[float, float]) -> Ids:
+    """Return the indices of the tasks whose difficulty is in a range, ascending.
+
+    The difficulty of a task is the share of games that the three players lose, each counted alike.
+
+    Args:
+        world: the world of the tasks.
+        limits: least and largest difficulty, from 0 to 1.
+
+    Raises:
+        ConfigError: for another range, a task that was not measured, or if no task is left.
+    """
+    if not isinstance(limits, tuple | list) or len(limits) != 2:
+        raise ConfigError(f"`difficulty` {limits!r}: expected two shares such as (.2, .8).")
+    low, high = limits
+    number_in("difficulty", low, 0, 1, "a share from 0 to 1")
+    number_in("difficulty", high, low, 1, f"a share from {low:g} to 1")
+    difficulty = 1 - measured_success(world).mean(axis=1)
+    tasks = np.flatnonzero((difficulty >= low) & (difficulty <= high))
+    if not len(tasks):
+        raise ConfigError(f"`difficulty` {low:g}:{high:g} leaves no task; expected a wider range.")
+    return tasks
+
+
+def read_range(text: str | None) -> tuple[float, float] | None:
+    """Parse a range of difficulty such as ``.2:.8``; None for none.
+
+    Raises:
+        ConfigError: for other text.
+    """
+    if text is None:
+        return None
+    low, _, high = text.partition(":")
+    try:
+        return float(low), float(high)
+    except ValueError:
+        raise ConfigError(f"`difficulty` '{text}': expected a range such as .2:.8.") from None
+
+
+@cache
+def _measured() -> dict[tuple[str, ...], list[int]]:
+    """Return the counts of solved tables by task."""
+    with gzip.open(DIFFICULTY_FILE, "rt", encoding="utf-8") as file:
+        _, *rows = csv.reader(file)
+    return {tuple(row[:3]): list(map(int, row[3:])) for row in rows}
+
+
+TableOf = Callable[[int, int], list[int]]
+"""From a task (index) and a distractor seed to the ids on the starting table, in slot order."""
+
+
+class Play(ABC):
+    """Base class for games with settings and facts to look up; many games may go on at once.
+
+    Attributes:
+        settings: settings as recorded with each game.
+        knowledge: source of look-ups; None offers none.
+        has_sets: whether recipes may have other sizes than two.
+    """
+
+    has_sets = False
+    _world: World | None = None
+
+    def __init__(
+        self, opened: OpenedGraph, knowledge: Knowledge | None, look_ups: int, **fields: Any
+    ):
+        """Describe the games.
+
+        Args:
+            opened: graph and split.
+            knowledge: source of look-ups; None offers none.
+            look_ups: look-ups in a game.
+            fields: further fields of
+                :class:`~wordcraft_kg.apps.text_agents.settings.PlayedSettings`.
+
+        Raises:
+            LeakError: if look-ups would leak train recipes on train tasks.
+        """
+        self.knowledge = knowledge
+        # Without a source the number means nothing; equal games have equal settings.
+        offer: dict[str, Any] = {"look_ups": 0}
+        if knowledge is not None:
+            offer = {"knowledge": knowledge.kind, "look_ups": look_ups}
+            offer |= {"scorer": knowledge.scorer, "kg": knowledge.kg}
+        self.settings = PlayedSettings(
+            graph=opened.graph.name,
+            graph_hash=opened.graph.hash,
+            split_hash=opened.split.hash,
+            prompt_hash=prompt_hash(sets=self.has_sets),
+            answer_grammar=ANSWER_GRAMMAR,
+            **(offer | fields),
+        )
+        if knowledge is not None:
+            # A leak shows with the first look-up: found here, it costs no game.
+            knowledge.facts(0, self.game())
+
+    @classmethod
+    def open(
+        cls, graph: str, settings: GameSettings, *, reward: str = "sparse", **rules: Any
+    ) -> "Play":
+        """Prepare the games on a graph.
+
+        Args:
+            graph: graph folder, recipe book file, or name of a built-in book.
+            settings: the games.
+            reward: reward preset of tasks, see :data:`~wordcraft_kg.envs.world_config.REWARDS`.
+            rules: further fields of the played settings.
+
+        Raises:
+            ConfigError: for settings that do not fit the graph, or an unknown reward.
+            GraphMismatchError: if the scorer is of another graph or split.
+            LeakError: if a scorer would reveal its train recipes on train tasks.
+            TaskError: if the graph has no task for these settings.
+            RecipeFileError: if there is no such graph, or a book cannot be read.
+            ArtefactError: if the scorer's folder or a graph folder is unfinished or damaged.
+        """
+        opened = open_graph(graph)
+        rules |= {"knowledge": open_knowledge(settings, opened), "look_ups": settings.look_ups}
+        if settings.open_ended:
+            attempts = settings.attempts or ATTEMPTS
+            return DiscoveryGames(opened, attempts=attempts, base=settings.base, **rules)
+        config = WordCraftConfig(
+            part=settings.part,
+            depth=settings.depth,
+            num_distractors=settings.distractors,
+            max_attempts=settings.attempts,
+            reward=reward,
+        )
+        return TaskGames(World(opened, config), **rules)
+
+    @property
+    def world(self) -> World:
+        """The world of the tasks; raises ConfigError for open-ended games."""
+        if self._world is None:
+            raise ConfigError("open-ended games have no tasks; expected games on tasks.")
+        return self._world
+
+    @abstractmethod
+    def game(self, task: int = 0, distractor_seed: int = 0) -> Game:
+        """Begin a game on a task (index) with the distractors for this seed.
+
+        In the open-ended world the task is ignored, and the seed is the number of the game.
+
+        Raises:
+            ConfigError: if there is no such task or seed.
+        """
+
+    def begin(self, task: int = 0, distractor_seed: int = 0) -> Conversation:
+        """Begin a game as a conversation, see :meth:`game`."""
+        rules = self.settings
+        return Conversation(
+            self.game(task, distractor_seed),
+            self.knowledge,
+            max_invalid=rules.max_invalid,
+            look_ups=rules.look_ups,
+        )
+
+
+class TaskGames(Play):
+    """Games on all tasks in a world.
+
+    Example:
+        >>> world = World.open("kitchen", WordCraftConfig(part="test", num_distractors=2))
+        >>> game = TaskGames(world).game(task=0)
+        >>> len(game.labels), game.goal == world.tasks[0].goal
+        (4, True)
+    """
+
+    def __init__(
+        self,
+        world: World,
+        knowledge: Knowledge | None = None,
+        *,
+        table: TableOf | None = None,
+        look_ups: int = LOOK_UPS,
+        **rules: Any,
+    ):
+        """Take a world.
+
+        Args:
+            world: graph, tasks and settings.
+            knowledge: source of look-ups; None offers none.
+            table: the starting tables; None for those of agent evaluation.
+            look_ups: look-ups in a game.
+            rules: further fields of the played settings.
+
+        Raises:
+            LeakError: if look-ups would leak train recipes on train tasks.
+        """
+        self._world = world
+        self.has_sets = world.has_combine
+        self._env = WordCraftEnv(world)
+        self._table = table or EvaluationTables(world).table
+        config = world.config
+        super().__init__(
+            world.opened,
+            knowledge,
+            look_ups,
+            part=config.part,
+            depth=config.depth,
+            distractors=config.num_distractors,
+            attempts=config.attempts,
+            **rules,
+        )
+
+    def game(self, task: int = 0, distractor_seed: int = 0) -> TaskGame:  # noqa: D102
+        # A shallow copy shares the world, which never changes; `reset` makes the state anew.
+        env = copy.copy(self._env)
+        return TaskGame(env, task, distractor_seed, self._table(task, distractor_seed))
+
+
+class DiscoveryGames(Play):
+    """Open-ended games.
+
+    Attributes:
+        discovery: the state in which each game begins.
+    """
+
+    def __init__(
+        self,
+        opened: OpenedGraph,
+        knowledge: Knowledge | None = None,
+        *,
+        attempts: int,
+        base: Iterable[Entity] | None = None,
+        orders: Sequence[tuple[int, ...]] = (),
+        look_ups: int = LOOK_UPS,
+        **rules: Any,
+    ):
+        """Take a graph.
+
+        Args:
+            opened: the graph and its split.
+            knowledge: source of look-ups; None offers none.
+            attempts: attempts in a game.
+            base: entities (ids or labels) that are known at the start; None for the graph's base.
+            orders: for each game of a track the base (ids) in the order in which players see it;
+                empty outside of tracks.
+            look_ups: look-ups in a game.
+            rules: further fields of the played settings.
+
+        Raises:
+            ConfigError: for a base from which nothing can be made.
+            GraphError: if a recipe has another number of ingredients than two.
+        """
+        self._graph = opened.graph
+        self.discovery = Discovery(opened.graph, base)
+        self._orders = orders
+        super().__init__(
+            opened,
+            knowledge,
+            look_ups,
+            part=None,
+            depth=None,
+            distractors=None,
+            attempts=attempts,
+            base=opened.graph.labels(self.discovery.base),
+            **rules,
+        )
+
+    def game(self, task: int = 0, distractor_seed: int = 0) -> DiscoveryGame:  # noqa: D102
+        # The discovery changes with every attempt, so each game has its own.
+        discovery = copy.copy(self.discovery)
+        number = None
+        if self._orders:
+            number = whole("game", distractor_seed, 0, len(self._orders) - 1)
+            discovery.base = self._orders[number]
+        discovery.restart()
+        return DiscoveryGame(self._graph, discovery, self.settings.attempts, number)
+
+
+_PLAYS_IN_MEMORY = 32
+"""Opened graphs with settings: more than a mixture of depths and numbers of distractors needs."""
+# At most nine digits: a text of digits could be a number of any size.
+_SEED = re.compile("[0-9]{1,9}")
+_PART = re.compile(r"-(?P<part>train|valid|test|all)-[0-9]+-[0-9]+-[0-9]+$")
+
+
+@lru_cache(maxsize=_PLAYS_IN_MEMORY)
+def open_play(
+    graph: str,
+    part: TaskPart,
+    depth: int,
+    distractors: int,
+    attempts: int | None,
+    reward: str = "sparse",
+    knowledge: LookUps = "none",
+    look_ups: int = LOOK_UPS,
+) -> Play:
+    """Open the games with these settings, once: thousands of rollouts share them.
+
+    Args:
+        graph: graph folder, recipe book file, or name of a built-in book.
+        part: tasks of the split: train, valid, test or all.
+        depth: fewest attempts that solve a task.
+        distractors: entities on the table that no plan needs.
+        attempts: attempts in a game; None for the depth.
+        reward: a name in :data:`~wordcraft_kg.envs.world_config.REWARDS`.
+        knowledge: what can be looked up.
+        look_ups: look-ups in a game.
+
+    Returns:
+        The games.
+
+    Raises:
+        ConfigError: for a value out of range.
+        LeakError: if look-ups would leak train recipes on train tasks.
+        TaskError: if the graph has no task for these settings.
+        RecipeFileError: if there is no such graph, or a book cannot be read.
+        ArtefactError: if a graph folder is damaged.
+    """
+    one_of("reward", reward, tuple(REWARDS))
+    settings = GameSettings(
+        part=part,
+        depth=depth,
+        distractors=distractors,
+        attempts=attempts,
+        knowledge=knowledge,
+        look_ups=look_ups,
+    )
+    return Play.open(graph, settings, reward=reward)
+
+
+def tool_opening(talk: Conversation) -> str:
+    """Return the first message to a player with tools: rules, the offer of look-ups, the state."""
+    lines = [talk.game.rules, "Use the tool `combine` for each attempt."]
+    if talk.offers_look_ups:
+        limit = counted(talk.offers_look_ups, "look-up")
+        lines.append(f"The tool `look_up` shows known recipes; there are {limit}.")
+    return "\n".join([*lines, "", talk.game.state])
+
+
+@dataclass(frozen=True)
+class NamedGame:
+    """A game that a name or an index chose.
+
+    Attributes:
+        play: the games of its part, depth and number of distractors.
+        task: index of the task in ``play``.
+        distractor_seed: seed of the distractors on the table.
+    """
+
+    play: Play
+    task: int
+    distractor_seed: int = 0
+
+    @property
+    def of_task(self) -> str:
+        """The game's name without the distractor seed, which all games of its task share."""
+        settings = self.play.settings
+        # A track numbers its tasks anew: its third task is another than the third of the part.
+        games = settings.track or (
+            f"{settings.graph}-{settings.part}-{settings.depth}-{settings.distractors}"
+        )
+        return f"{games}-{self.task}"
+
+    @property
+    def name(self) -> str:
+        """The game's name, such as ``everyday-train-2-8-17-0``."""
+        return f"{self.of_task}-{self.distractor_seed}"
+
+    def begin(self) -> Conversation:
+        """Begin the game; raises ConfigError for a seed out of range."""
+        return self.play.begin(self.task, self.distractor_seed)
+
+
+class GameList:
+    """The games that a server offers: for each part its tasks in order, counted from 0.
+
+    Attributes:
+        plays: for each offered part the games, one :class:`Play` for each depth and number of
+            distractors. The offered tasks of a part are numbered through all of them.
+
+    Example:
+        >>> games = GameList({"train": [open_play("kitchen", "train", 1, 2, None)]})
+        >>> games.at("train", 5).name, games.named("kitchen-train-1-2-5-7").distractor_seed
+        ('kitchen-train-1-2-5-0', 7)
+    """
+
+    def __init__(
+        self, plays: Mapping[str, Sequence[Play]], difficulty: tuple[float, float] | None = None
+    ):
+        """Take the games, or those of them whose tasks have a measured difficulty in a range."""
+        self.plays = plays
+        self._games: dict[str, list[NamedGame]] = {}
+        self._by_task: dict[str, NamedGame] = {}
+        for part, of_part in plays.items():
+            games = self._games[part] = []
+            for play in of_part:
+                for task in chosen_tasks(play.world, None, difficulty).tolist():
+                    game = NamedGame(play, task)
+                    games.append(game)
+                    self._by_task[game.of_task] = game
+
+    def count(self, part: str) -> int:
+        """Return the number of tasks of a part; raises ConfigError for a part that is not there."""
+        return len(self._of_part(part))
+
+    def at(self, part: str, index: int, distractor_seed: int = 0) -> NamedGame:
+        """Return the game with an index in a part.
+
+        Args:
+            part: the part of the tasks.
+            index: number of the task in this part, from 0.
+            distractor_seed: seed of the distractors on the table.
+
+        Raises:
+            ConfigError: for a part that is not offered, or an index out of range.
+        """
+        count = self.count(part)
+        if type(index) is not int or not 0 <= index < count:
+            raise ConfigError(
+                f"`index` {_shown(index)}: expected a whole number from 0 to {count - 1}, a task "
+                f"of the part {part}."
+            )
+        return replace(self._of_part(part)[index], distractor_seed=distractor_seed)
+
+    def named(self, name: Any) -> NamedGame:
+        """Return the game with a name.
+
+        Raises:
+            ConfigError: for another text, or a game that is not offered; a game of a part that is
+                not offered is refused by the name of the part.
+        """
+        task_name, _, seed = name.rpartition("-") if isinstance(name, str) else ("", "", "")
+        if task_name in self._by_task and _SEED.fullmatch(seed):
+            return replace(self._by_task[task_name], distractor_seed=int(seed))
+        if part := _PART.search(task_name):
+            # This raises the error for a part that is not offered.
+            self._of_part(part["part"])
+        example = self.at(next(iter(self.plays)), 0).name
+        raise ConfigError(
+            f"`task_id` {_shown(name)} is no game of this server; expected a graph, a depth, a "
+            f"number of distractors and a task that it has, such as '{example}'."
+        )
+
+    def _of_part(self, part: Any) -> list[NamedGame]:
+        if not isinstance(part, str) or part not in self.plays:
+            raise ConfigError(
+                f"the part {_shown(part)} is not offered here; expected {', '.join(self.plays)}. "
+                "Tasks of another part are for another use: those of the part test measure what "
+                "was learned on the part train."
+            )
+        return self._games[part]
+
+
+def _shown(value: object) -> str:
+    """Return a value from outside, which may be of any length, for a message."""
+    return repr(value)[:60]

@@ -377,7 +377,9 @@ def test_an_export_comes_back_with_a_warning_of_held_out_triples(tmp_path, caplo
         ("", "no triple to use"),
         ("head\trelation\ttail\nx\ty\tz\n", "none of the 6 labels"),
         (
-            gzip.compress(b"head\trelation\ttail\n" + b"flour\tmakes\tdough\n" * 1000)[:60],
+            gzip.compress(b"head\trelation\ttail\n" + b"flour\tmakes\tdough\n" * 1000, mtime=0)[
+                :60
+            ],
             "is damaged: EOFError",
         ),
     ],

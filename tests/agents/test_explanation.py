@@ -20,9 +20,8 @@ from wordcraft_kg import (
 from wordcraft_kg.agents.evaluation import _HASH_FACTOR, Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import MOST_ON_TABLE, Explainer
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
-from wordcraft_kg.envs import draws
 from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.envs.draws import EVALUATION_SEED
+from wordcraft_kg.envs.draws import EVALUATION_SEED, EvaluationTables
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.models.policies.policy_folder import make_policy
 from wordcraft_kg.models.policies.states import States
@@ -148,12 +147,10 @@ def test_an_explained_episode_is_that_of_the_evaluation(opened, made, kind, part
     assert outcomes == {"goal", "out_of_attempts"} or kind not in ("recipes", "in sample")
 
 
-def test_of_a_sample_of_the_tasks_the_tables_are_those_that_were_played(
-    opened, explaining, monkeypatch
-):
-    monkeypatch.setattr(draws, "MOST_TASKS", 20)
+def test_of_a_sample_of_the_tasks_the_tables_are_those_that_were_played(opened, explaining):
     explainer = explaining("no scorer")
     world = explainer.world
+    explainer.tables = EvaluationTables(world, limit=20)
     evaluator = Evaluator(world, distractor_seeds=1, limit=20)
     posed = evaluator.engine.pose(evaluator.tasks, seed=EVALUATION_SEED)
     assert evaluator.tasks[1] > 1

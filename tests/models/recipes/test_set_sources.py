@@ -87,7 +87,7 @@ def test_a_policy_is_saved_with_its_scorers_of_sets(letters_model, world, use, t
             Evaluator(part, distractor_seeds=1)(PolicyPlayer(player)) for player in (policy, loaded)
         )
         assert first.success.mean() > 0.5
-        np.testing.assert_array_equal(first.last, second.last)
+        np.testing.assert_array_equal(first.decisions, second.decisions)
 
 
 def test_train_tasks_are_scored_by_the_model_that_has_not_seen_their_goals(letters_model, world):

@@ -85,9 +85,10 @@ def hidden_modules():
     return sorted(by_dependency | by_torch_or_pykeen)
 
 
-def run(folder, *lines, program=COMMANDS):
+def run(folder, *lines, program=COMMANDS, installed=frozenset()):
     """Run commands in one process, and return their exit codes and its stderr."""
-    command = [sys.executable, "-c", PROGRAM + program, json.dumps(hidden_modules()), *lines]
+    hidden = sorted(set(hidden_modules()) - installed)
+    command = [sys.executable, "-c", PROGRAM + program, json.dumps(hidden), *lines]
     # Built-in books alone: to list those of a data folder, all its recipes are read.
     variables = {name: value for name, value in os.environ.items() if name != DATA_VARIABLE}
     done = subprocess.run(
@@ -107,6 +108,13 @@ def run(folder, *lines, program=COMMANDS):
 def test_graphs_tasks_exports_play_and_discovery_need_no_torch(tmp_path):
     codes, errors = run(tmp_path, *WORKING)
     assert codes == [0] * len(WORKING), errors
+
+
+def test_games_are_served_to_trainers_without_torch_and_joblib(tmp_path):
+    program = "import wordcraft_kg.apps.text_agents.openenv_server\nprint('{}')"
+    # Pages' guard, with messages as templates, comes with the server's extra.
+    errors, _ = run(tmp_path, program=program, installed={"jinja2", "markupsafe"})
+    assert not errors
 
 
 def test_a_command_that_needs_more_names_the_package(tmp_path):

@@ -7,14 +7,14 @@ machine may stop at any time.
 import logging
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from joblib import Parallel, delayed
 
 from wordcraft_kg.agents.agent_records import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.agents.discovery import LATER_MARKS, MARKS
@@ -371,6 +371,24 @@ def mean_known(curves: Sequence[Sequence[int]], attempts: int) -> dict[int, floa
     return means
 
 
+def _in_turn(
+    play: Callable[[tuple[int, int]], GameRecord], games: list[tuple[int, int]], parallel: int
+) -> Iterator[GameRecord]:
+    """Play games, some at a time, and yield their records in the order of the games."""
+    if parallel == 1:
+        # A program plays in this thread: a signal that ends the command ends its game.
+        yield from map(play, steps("playing", games))
+        return
+    with ThreadPoolExecutor(parallel) as pool:
+        records = pool.map(play, games)
+        try:
+            for _ in steps("playing", games):
+                yield next(records)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
 def play_all(
     player: TextPlayer,
     play: Play,
@@ -435,10 +453,7 @@ def play_all(
             converse(conversation, player.speaker(conversation))
             return record_of(conversation, task_and_seed[1])
 
-        # Alone, a program plays in this thread: a signal that ends the command ends its game.
-        in_turn = Parallel(parallel, backend="threading", batch_size=1, return_as="generator")
-        records = in_turn(map(delayed(play_game), missing))
-        for _, record in zip(steps("playing", missing), records, strict=True):
+        for record in _in_turn(play_game, list(missing), parallel):
             played.append(record)
             append_game(path, record)
     return played

@@ -139,9 +139,9 @@ def test_every_help_has_usage_examples_and_at_most_thirty_options(run):
         # Arguments are shown by their place alone.
         assert not re.search(r"│[ *]+[A-Z_]+ --", outcome.out), name
         assert len(manual_of(name).examples) >= 2, name
-        assert all(example in outcome.out for example in (*manual_of(name).examples, "--json")), (
-            name
-        )
+        # As a shell joins lines.
+        text = " ".join(outcome.out.replace("\\\n", "").split())
+        assert all(example in text for example in (*manual_of(name).examples, "--json")), name
         shown = option.findall(outcome.out)
         assert len(shown) <= 30, name
         assert not set(manual_of(name).file_only) & set(shown), name
@@ -175,6 +175,17 @@ def test_every_example_is_one_of_our_commands_and_parses(name, example):
     assert command is manual_of(named).function
     assert bound.args or bound.kwargs or tokens == named.split()
     assert named == name or any(other.startswith(f"wordcraft-kg {name}") for _, other in EXAMPLES)
+
+
+def test_an_example_that_is_copied_from_a_narrow_terminal_is_one_command(run, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    help_text = run("evaluate-agent", "--help").out
+    lines = help_text.partition("Examples:\n\n")[2].partition("\n\n")[0]
+    assert "\\\n" in lines
+    # As a shell joins lines.
+    commands = lines.replace("\\\n", "").splitlines()
+    examples = manual_of("evaluate-agent").examples
+    assert list(map(shlex.split, commands)) == list(map(shlex.split, examples))
 
 
 @pytest.mark.parametrize(

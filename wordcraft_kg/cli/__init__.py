@@ -23,7 +23,9 @@ changed.
 
 import gc
 import os
+import re
 import sys
+import textwrap
 import tomllib
 from collections.abc import Sequence
 from functools import cache
@@ -159,9 +161,32 @@ def _subject(app: App, words: list[str], group: Group) -> App:
     return app[word]
 
 
+_WIDTH = 77
+"""Columns of a command in the help: of the 80 of a small terminal, without the mark of a line that
+goes on."""
+
+
 def _examples(*manuals: Manual) -> str:
     lines = chain.from_iterable(manual.examples for manual in manuals)
-    return "Examples:\n\n" + "\n".join(f"  {line}" for line in lines)
+    return "Examples:\n\n" + "\n".join(map(_continued, lines))
+
+
+def _continued(command: str) -> str:
+    """Return a command line for the help, indented, and continued before an option if it is long.
+
+    Where a terminal wraps a line, a copy of it is two commands.
+    """
+    # Only spaces before an option may end a line: text is wrapped at none of the others.
+    unbroken = re.sub(" (?!--)", "\N{NO-BREAK SPACE}", command)
+    lines = textwrap.wrap(
+        unbroken,
+        _WIDTH,
+        initial_indent="  ",
+        subsequent_indent="    ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return " \\\n".join(lines).replace("\N{NO-BREAK SPACE}", " ")
 
 
 def _file_options(name: str, file_only: Sequence[str]) -> str:
@@ -272,7 +297,7 @@ def _paragraph(text: str) -> str:
     lines = [line.strip() for line in text.splitlines()]
     # Command lines are copied and pasted, so each keeps its line.
     if all(line.startswith("wordcraft-kg ") for line in lines):
-        return "\n".join(f"  {line}" for line in lines)
+        return "\n".join(map(_continued, lines))
     return " ".join(" ".join(lines).split())
 
 

@@ -10,7 +10,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import torch
 from helpers import refuses
 
 from wordcraft_kg import SplitConfig, WordCraftConfig, World, make_split
@@ -128,16 +127,6 @@ def test_the_scripts_play_worlds_and_write_figures_and_graph_folders(
 SCRIPT = Path(__file__).parents[1] / "benchmarks" / "people_pairs.py"
 
 pairs = SimpleNamespace(**runpy.run_path(str(SCRIPT)))
-
-
-class Fixed:
-    """A scorer with given scores by pair and result."""
-
-    def __init__(self, scores, recipes=()):
-        self.values, self.recipes = scores, torch.tensor(recipes, dtype=torch.int32).reshape(-1, 3)
-
-    def score_recipes(self, a, b, results):
-        return torch.tensor([self.values[int(a), int(b)][int(result)] for result in results])
 
 
 ABSENCE_PLAYER_SCRIPT = Path(__file__).parent.parent / "benchmarks" / "absence_player.py"

@@ -451,8 +451,9 @@ def _unreachable(
 
 def _is_closed(graph: RecipeGraph, entities: set[int]) -> bool:
     """Return whether each recipe of the entities needs one of them."""
-    makes_one = np.isin(graph.sets[:, -1], list(entities))
-    needs_one = np.isin(graph.sets[makes_one, :-1], list(entities)).any(axis=1)
+    # Of the index by result: a book may have thousands of circles, and millions of recipes.
+    rows = np.concatenate([graph.recipes_of(entity) for entity in sorted(entities)])
+    needs_one = np.isin(graph.sets[rows, :-1], list(entities)).any(axis=1)
     return bool(needs_one.all())
 
 

@@ -403,8 +403,11 @@ def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str
     kind = "recipe" if "result" in answers[0].slots else "triple"
     names = (f"{'score':>9}", "part", kind, "probability", "")
     # A column in which no row has anything has no heading either.
-    columns = zip(names, zip(*rows, strict=True), strict=True)
-    heading, *lines = aligned([[name if any(cells) else "" for name, cells in columns], *rows])
+    headings = []
+    for place, name in enumerate(names):
+        is_filled = any(row[place] for row in rows)
+        headings.append(name if is_filled else "")
+    heading, *lines = aligned([headings, *rows])
     yield heading
     for number, (line, answer) in enumerate(zip(lines, answers, strict=True)):
         yield line

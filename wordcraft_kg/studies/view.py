@@ -177,15 +177,17 @@ def _comparison(
     # Only the same task, with the same distractors, makes a pair.
     partners = {(run.seed, results.tasks_of(run)): run for run in base}
     keys = [(run.seed, results.tasks_of(run)) for run in members]
-    paired = [run for run, key in zip(members, keys, strict=True) if key in partners]
-    if members is base or not paired:
+    pairs = [
+        (run, partners[key]) for run, key in zip(members, keys, strict=True) if key in partners
+    ]
+    if members is base or not pairs:
         return None
-    rates = results.rates_of([partners[key] for key in keys if key in partners])
-    differences = results.rates_of(paired).scores - rates.scores
+    rates = results.rates_of([partner for _, partner in pairs])
+    differences = results.rates_of([run for run, _ in pairs]).scores - rates.scores
     (difference, low, high), exact = crossed_difference(differences, rates.groups, rates.splits)
-    p_value = exact if len(paired) >= FEWEST_PAIRS else None
+    p_value = exact if len(pairs) >= FEWEST_PAIRS else None
     # Holm's correction needs all comparisons of the study; the summary of the study fills it in.
-    return VariantComparison(difference, (low, high), len(paired), p_value, p_corrected=p_value)
+    return VariantComparison(difference, (low, high), len(pairs), p_value, p_corrected=p_value)
 
 
 def _curves(members: Sequence[RunResult]) -> tuple[list[int], NDArray[np.float64]]:

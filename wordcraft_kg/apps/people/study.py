@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.resources import files
 from itertools import product, starmap
-from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal
 
@@ -338,7 +337,7 @@ class ReadStudy:
     def sessions(self) -> list[Session]:
         """Each person's answers as a session."""
         return [
-            Session(self.record, person.cell, tuple(map(attrgetter("answer"), answers)))
+            Session(self.record, person.cell, tuple(stored.answer for stored in answers))
             for person, answers in self.answers.items()
         ]
 

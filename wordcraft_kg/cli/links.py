@@ -189,7 +189,8 @@ def _evaluate_sets(
 def _shares(top: "TopShares") -> str:
     """Format the shares of goals with a right set among the first, with the first's interval."""
     low, high = top.intervals[1]
-    return f"{' '.join(f'{share:.3f}' for share in top.shares.values())} [{low:.3f}, {high:.3f}]"
+    shares = " ".join(f"{share:.3f}" for share in top.shares.values())
+    return f"{shares} [{low:.3f}, {high:.3f}]"
 
 
 def _text_of_evaluation(view: "LinkView", folder: Path) -> list[str]:

@@ -339,10 +339,12 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
             or tasks.
     """
     if not results.runs:
-        reasons = [f" The first: {gap.why.rstrip('.')}." for gap in results.missing[:1]]
+        reason = ""
+        if results.missing:
+            reason = f" The first: {results.missing[0].why.rstrip('.')}."
         raise ConfigError(
-            f"study '{results.name}' has no finished run, {len(results.missing):,} missing."
-            f"{''.join(reasons)} Run the study first: {results.command}"
+            f"study '{results.name}' has no finished run, {len(results.missing):,} missing.{reason}"
+            f" Run the study first: {results.command}"
         )
     points: dict[tuple[tuple[str, Value], ...], tuple[Values, Runs]] = {}
     # Results are listed by grid point and variant, in the order of the study.

@@ -423,6 +423,31 @@ def test_results_that_contradict_each_other_are_missing_with_the_reason(pretende
     assert message.format(tasks=len(ALL_WON)) in lost.why
 
 
+def test_results_are_read_of_a_book_without_room_for_the_default_table(tmp_path):
+    book = tmp_path / "tiny.csv"
+    pairs = ("aa", "ab", "ac", "bb", "bc", "cc")
+    rows = [f"{first},{second},{first}-{second}" for first, second in pairs]
+    book.write_text("\n".join(["ingredient_a,ingredient_b,result", *rows]))
+    settings = f'book = "{book}"\nsplit = "by-goal"\ntrain_ratio = 0.5\nvalid_ratio = 0'
+    text = TEXT.replace('book = "kitchen"', settings).replace("[2, 1]", "[1, 0]")
+
+    def work(task, root):
+        if task.kind == "graphs":
+            return perform(task, root)
+        outcome = pretend(task, root)
+        if task.kind == "scorers":
+            return outcome
+        opened = open_graph(str(root / task.needs[0]))
+        tasks = World(opened, WordCraftConfig(part="test", num_distractors=0)).tasks
+        changes = {"graph": PlayedGraph.of(opened), "won": "4" * len(tasks)}
+        write_metrics(task.folder(root), msgspec.structs.replace(RUN_METRICS, **changes))
+        return outcome
+
+    run_small(tmp_path, small_plan(text=text), work)
+    results = collect_study(tmp_path, "small")
+    assert len(results.runs) == 8, results.missing
+
+
 def test_missing_tasks_are_listed_in_the_order_of_the_plan(pretended, tmp_path):
     plan = small_plan()
     assert missing_tasks(plan, pretended) == []

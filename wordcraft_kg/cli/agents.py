@@ -330,7 +330,8 @@ def _step(step: "ExplainedStep") -> Iterator[str]:
 
     lambdas = [f"{label_of(name).coefficient} {value:z.2f}" for name, value in step.lambdas.items()]
     holding = f"  holding {step.selection or 'nothing'}   V {step.value:z.2f}"
-    yield from ("", f"{holding}   {'  '.join(lambdas)}".rstrip())
+    yield ""
+    yield f"{holding}   {'  '.join(lambdas)}".rstrip()
     symbols = [label_of(name).symbol for name in step.slots[0].sources]
     # Without mixing weights there are no products to show.
     products = [f"λ{symbol}·{symbol}" for symbol in symbols] if step.lambdas else []
@@ -417,13 +418,12 @@ def _cell(known: KnownEntities) -> str:
 def _rows(view: DiscoveryView) -> list[tuple[str, ...]]:
     """Return the table: a row for each player, and one for people."""
     marks = [str(mark) for mark in view.marks]
+    rows: list[tuple[str, ...]] = [("entities known after", *marks)]
+    rows += [(name, *map(_cell, known.values())) for name, known in view.players.items()]
     means = [f"{view.people[mark]:g}" if mark in view.people else "" for mark in marks]
-    return [
-        ("entities known after", *marks),
-        *((name, *map(_cell, known.values())) for name, known in view.players.items()),
-        # People played with other entities, so their row is a rough guide and says so.
-        ("people, another game", *means),
-    ]
+    # People played with other entities, so their row is a rough guide and says so.
+    rows.append(("people, another game", *means))
+    return rows
 
 
 def _text_of_discovery(view: DiscoveryView) -> Iterator[str]:

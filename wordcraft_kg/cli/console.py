@@ -311,10 +311,10 @@ def aligned(rows: Iterable[Sequence[str]], *, numbers: bool = False) -> list[str
     """
     # From rows to columns, for the widths, and back.
     columns = [column for column in zip_longest(*rows, fillvalue="") if any(column)]
-    formats = [
-        f"{'>' if numbers and place else '<'}{max(map(len, column))}"
-        for place, column in enumerate(columns)
-    ]
+    formats = []
+    for place, column in enumerate(columns):
+        side = ">" if numbers and place else "<"
+        formats.append(f"{side}{max(map(len, column))}")
     return ["  ".join(map(format, row, formats)).rstrip() for row in zip(*columns, strict=True)]
 
 

@@ -94,6 +94,8 @@ EXAMPLES = {
         "wordcraft-kg build-graph everyday --split by-goal --seed 1 --out graphs/everyday-by-goal",
     ),
 }
+_KINDS = ", ".join(f"{name} ({kind.about})" for name, kind in SPLITS.items())
+"""The kinds of splits, for the help."""
 
 
 def books(*, fetch: FetchableBook = None, output: Output = Output()) -> None:
@@ -238,11 +240,9 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
     split: Annotated[
         str | None,
         Parameter(
-            help="held-out recipes: "
-            f"{', '.join(f'{name} ({kind.about})' for name, kind in SPLITS.items())}; or a CSV or "
-            "JSON file with each recipe's or result's part, or a book's published fold, such as "
-            "fold-1. Default: by-recipe, or by-goal if most recipes are the only one of their "
-            "result."
+            help=f"held-out recipes: {_KINDS}; or a CSV or JSON file with each recipe's or "
+            "result's part, or a book's published fold, such as fold-1. Default: by-recipe, or "
+            "by-goal if most recipes are the only one of their result."
         ),
     ] = None,
     train_ratio: float = SplitConfig.train_ratio,

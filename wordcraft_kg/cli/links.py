@@ -189,7 +189,8 @@ def _evaluate_sets(
 def _shares(top: "TopShares") -> str:
     """Format the shares of goals with a right set among the first, with the first's interval."""
     low, high = top.intervals[1]
-    return f"{' '.join(f'{share:.3f}' for share in top.shares.values())} [{low:.3f}, {high:.3f}]"
+    shares = " ".join(f"{share:.3f}" for share in top.shares.values())
+    return f"{shares} [{low:.3f}, {high:.3f}]"
 
 
 def _text_of_evaluation(view: "LinkView", folder: Path) -> list[str]:
@@ -403,8 +404,11 @@ def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str
     kind = "recipe" if "result" in answers[0].slots else "triple"
     names = (f"{'score':>9}", "part", kind, "probability", "")
     # A column in which no row has anything has no heading either.
-    columns = zip(names, zip(*rows, strict=True), strict=True)
-    heading, *lines = aligned([[name if any(cells) else "" for name, cells in columns], *rows])
+    headings = []
+    for place, name in enumerate(names):
+        is_filled = any(row[place] for row in rows)
+        headings.append(name if is_filled else "")
+    heading, *lines = aligned([headings, *rows])
     yield heading
     for number, (line, answer) in enumerate(zip(lines, answers, strict=True)):
         yield line

@@ -405,10 +405,11 @@ class AgentsTraining(TrainingCommand):
         rates = {seed: summary["success"][part] for seed, summary in values.items()}
         mean = sum(rates.values()) / len(rates)
         spread = f"from {min(rates.values()):.3f} to {max(rates.values()):.3f}"
-        return [
-            *((f"seed {seed}", f"success {rates[seed]:.3f} on {part} tasks") for seed in rates),
-            ("mean", f"success {mean:.3f}, {spread}"),
+        rows = [
+            (f"seed {seed}", f"success {rate:.3f} on {part} tasks") for seed, rate in rates.items()
         ]
+        rows.append(("mean", f"success {mean:.3f}, {spread}"))
+        return rows
 
     def values(self, trained: "TrainedAgent") -> Values:  # noqa: D102
         assert trained.summary is not None

@@ -196,8 +196,8 @@ def padded(rows: Sequence[Sequence[int]], padding: int, width: int = 0) -> Ids:
     Returns:
         Shape (N, columns).
     """
-    num_columns = max([width, *map(len, rows)])
-    array = np.full((len(rows), num_columns), padding, dtype=np.int64)
+    longest = max(map(len, rows), default=0)
+    array = np.full((len(rows), max(width, longest)), padding, dtype=np.int64)
     for index, row in enumerate(rows):
         array[index, : len(row)] = row
     return array

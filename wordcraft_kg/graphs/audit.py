@@ -465,14 +465,24 @@ def leakage(split: Split) -> dict[Relation, Leakage]:
     evaluated = split.held_out("test")
     mirrors = evaluated[:, [2, 1, 0]]  # tail, relation, head
     has_mirror = is_in(mirrors, split.partial, split.graph.num_entities)
-    # By relation, in columns of the fields.
-    train, from_test, num_evaluated, num_mirrors = (
-        np.bincount(triples[:, 1], minlength=len(RELATIONS))
-        for triples in (split.partial, split.triples_of("test"), evaluated, evaluated[has_mirror])
-    )
-    numbers = (train, from_test, from_test - num_evaluated, num_evaluated, num_mirrors)
-    rows = np.column_stack(numbers).tolist()
-    return {name: Leakage(*row) for name, row in zip(RELATIONS, rows, strict=True)}
+
+    def by_relation(triples: Ids) -> list[int]:
+        return np.bincount(triples[:, 1], minlength=len(RELATIONS)).tolist()
+
+    train = by_relation(split.partial)
+    from_test = by_relation(split.triples_of("test"))
+    num_evaluated = by_relation(evaluated)
+    num_mirrors = by_relation(evaluated[has_mirror])
+    return {
+        name: Leakage(
+            train=train[relation],
+            from_test_recipes=from_test[relation],
+            already_in_train=from_test[relation] - num_evaluated[relation],
+            evaluated=num_evaluated[relation],
+            mirror_in_train=num_mirrors[relation],
+        )
+        for relation, name in enumerate(RELATIONS)
+    }
 
 
 def _ambiguity(graph: RecipeGraph) -> Ambiguity:

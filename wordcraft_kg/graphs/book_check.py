@@ -52,7 +52,6 @@ from wordcraft_kg.graphs.recipes import (
     note_of_marks,
     note_of_numbers,
 )
-from wordcraft_kg.graphs.triples import COMPONENT_OF
 
 FAULTY = "with a problem"
 """Reason of rows that are no recipe because of a fault."""
@@ -424,10 +423,15 @@ def _unreachable(
     is_idle = graph.recipe_counts + graph.use_counts == 0
     is_outside = (layers(graph) < 0) & ~is_idle
     # An arrow from an ingredient to what it makes, among entities out of reach alone.
-    heads, relations, tails = graph.triples.T
-    is_arrow = (relations == COMPONENT_OF) & is_outside[heads] & is_outside[tails]
-    needs = nx.DiGraph(graph.triples[is_arrow][:, [0, 2]].tolist())
-    needs.add_nodes_from(np.flatnonzero(is_outside).tolist())
+    # From the rows, as triples of a large book take more memory than the book itself.
+    outside = set(np.flatnonzero(is_outside).tolist())
+    needs = nx.DiGraph()
+    needs.add_nodes_from(sorted(outside))
+    rows = graph.sets[is_outside[graph.sets[:, -1]]].tolist()
+    for *ingredients, result in rows:
+        needs.add_edges_from(
+            (ingredient, result) for ingredient in ingredients if ingredient in outside
+        )
     # Entities that need one another are one finding, not one each.
     for island in sorted(nx.weakly_connected_components(needs), key=min):
         labels = graph.labels(sorted(island))
@@ -451,8 +455,9 @@ def _unreachable(
 
 def _is_closed(graph: RecipeGraph, entities: set[int]) -> bool:
     """Return whether each recipe of the entities needs one of them."""
-    makes_one = np.isin(graph.sets[:, -1], list(entities))
-    needs_one = np.isin(graph.sets[makes_one, :-1], list(entities)).any(axis=1)
+    # Of the index by result: a book may have thousands of circles, and millions of recipes.
+    rows = np.concatenate([graph.recipes_of(entity) for entity in sorted(entities)])
+    needs_one = np.isin(graph.sets[rows, :-1], list(entities)).any(axis=1)
     return bool(needs_one.all())
 
 

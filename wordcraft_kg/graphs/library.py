@@ -81,7 +81,9 @@ def with_made_up_words(book: RecipeBook, seed: int = 0) -> RecipeBook:
     rng = np.random.default_rng([seed, *digest])
     invented: set[str] = set()
     while len(invented) < len(words):
-        invented |= {_word(rng)} - words
+        word = _word(rng)
+        if word not in words:
+            invented.add(word)
     # Both sorted: the n-th word in the alphabet becomes the n-th invented word.
     replacement = dict(zip(ordered_words, sorted(invented), strict=True))
 

@@ -770,7 +770,9 @@ def _json_entries(document: Any) -> Iterator[_Entry]:
             for result, sets in content.items():
                 yield from (((*labels, result), part) for labels in sets)
         else:
-            yield from ((((row,) if isinstance(row, str) else tuple(row)), part) for row in content)
+            for row in content:
+                labels = (row,) if isinstance(row, str) else tuple(row)
+                yield labels, part
 
 
 def _table_entries(text: str) -> Iterator[_Entry]:

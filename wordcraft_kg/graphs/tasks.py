@@ -558,8 +558,11 @@ def make_tasks(  # noqa: PLR0913 - all that decides a set of tasks, with default
     is_complete = depth <= _ENUMERATED_DEPTH and are_few
     if is_complete:
         candidates = sorted(set(_enumerated(accept.search, depth)))
-        plans_of = dict(zip(candidates, map(accept, candidates), strict=True))
-        every_task = {candidate: plans for candidate, plans in plans_of.items() if plans}
+        every_task: dict[_Candidate, Plans] = {}
+        for candidate in candidates:
+            plans = accept(candidate)
+            if plans:
+                every_task[candidate] = plans
         tasks = _with_share(every_task, depth, twice_share, np.random.default_rng(seed))
         is_complete = len(tasks) == len(every_task)
     else:

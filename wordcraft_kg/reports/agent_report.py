@@ -279,8 +279,10 @@ def _pictures_of_slices(view: AgentsView) -> dict[Slice, charts.Chart]:
         labels = sorted({*chain.from_iterable(groups.values())}, key=_place)
         if not labels:
             continue
-        # An agent has None for a group in which it played no task.
-        cells = {name: [*map(rows.get, labels)] for name, rows in groups.items()}
+        cells = {}
+        for name, rows in groups.items():
+            # An agent has None for a group in which it played no task.
+            cells[name] = [rows.get(label) for label in labels]
         measure = f"success on {view.part} tasks"
         pictures[key] = charts.dots(labels, cells, axis, measure, f"Success by {axis}")
     return pictures

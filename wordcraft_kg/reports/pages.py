@@ -107,7 +107,7 @@ class Outline:
             KeyError: if the term is unknown.
         """
         # Sources of other packages may be registered after this module was imported.
-        term = GLOSSARY.get(key) or _term(label_of(key))
+        term = GLOSSARY[key] if key in GLOSSARY else _term(label_of(key))
         self.terms[key] = term
         name = f"{term.name} ({term.symbol})" if term.symbol else term.name
         shown = text or name

@@ -92,7 +92,10 @@ def _flat(settings: Any) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for field in fields(settings):
         value = getattr(settings, field.name)
-        values |= _flat(value) if is_dataclass(value) else {_key(field.name): value}
+        if is_dataclass(value):
+            values |= _flat(value)
+        else:
+            values[_key(field.name)] = value
     return values
 
 

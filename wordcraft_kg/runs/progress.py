@@ -73,9 +73,11 @@ class ProgressBar:
     def _print(self, console: "Console", done: int, total: int, figures: list[str]) -> None:
         seconds = time.monotonic()
         # The end of a training is always worth a line, the end of a stage never.
-        is_due = seconds - ProgressBar._printed >= self.INTERVAL
-        is_shown = not self.is_stage if done == total else is_due
-        if not is_shown:
+        if done == total:
+            is_due = not self.is_stage
+        else:
+            is_due = seconds - ProgressBar._printed >= self.INTERVAL
+        if not is_due:
             return
         ProgressBar._printed = seconds
         place = f"{self.unit} {done:,} of {total:,}".lstrip() if total > 1 else "..."

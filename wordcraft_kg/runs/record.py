@@ -411,9 +411,12 @@ class RunFiles:
         path = self.folder / name
         data = read_large_file(path)
         expected = self.run.outputs.get(name, self.run.inputs.get(name))
-        for content in (data, data.replace(b"\r\n", b"\n")):
-            if hashlib.sha256(content).hexdigest() == expected:
-                return content
+        if hashlib.sha256(data).hexdigest() == expected:
+            return data
+        # Only now: a copy of large weights takes as much memory again.
+        unix_data = data.replace(b"\r\n", b"\n")
+        if hashlib.sha256(unix_data).hexdigest() == expected:
+            return unix_data
         raise ArtefactError(
             f"{path} is damaged or was changed: the SHA-256 differs from run.json. "
             "Train again, or restore a copy."
@@ -509,8 +512,8 @@ def scorer_card(
         f"graph `{graph.hash[:12]}`: {graph.num_entities:,} entities; "
         f"split `{split.kind}`, seed {split.seed}"
     )
-    points = [trained_on, *(f"{name}: {text}" for name, text in facts.items())]
-    lines = "\n".join(f"- {point}" for point in points)
+    points = [f"{name}: {text}" for name, text in facts.items()]
+    lines = "\n".join(f"- {point}" for point in (trained_on, *points))
     loading = ["from wordcraft_kg import load_scorer", "", 'scorer = load_scorer("this folder")']
     code = "\n".join([*loading, *usage])
     head = f"{front_matter('knowledge-graph', 'link-prediction')}\n# {title}"

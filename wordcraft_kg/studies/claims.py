@@ -26,7 +26,6 @@ three seeds, a verdict other than *undecided* is marked as provisional.
 """
 
 from collections.abc import Iterable, Sequence
-from functools import partial
 from itertools import chain, combinations
 from typing import Literal, NamedTuple
 
@@ -162,11 +161,13 @@ def check_claim(results: StudyResults, claim: Claim) -> list[ClaimVerdict]:
         groups = [tuple(figures)] if len(figures) > 1 else []
     if not groups and not lacking:
         lacking = ["the study has no results at such points"]
-    return [
-        *(_verdict(claim, *_rule(results, claim, group), group) for group in groups),
-        # Many points usually lack results for the same reason, which is said once.
-        *(_verdict(claim, "not run", reason, ()) for reason in dict.fromkeys(lacking)),
-    ]
+    entries = []
+    for group in groups:
+        verdict, why = _rule(results, claim, group)
+        entries.append(_verdict(claim, verdict, why, group))
+    # Many points usually lack results for the same reason, which is said once.
+    entries += [_verdict(claim, "not run", reason, ()) for reason in dict.fromkeys(lacking)]
+    return entries
 
 
 def _verdict(
@@ -296,11 +297,11 @@ def _check_runs(
 
 def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunResult]:
     """Return a variant's runs by seed; ConfigError without runs, with the first known reason."""
-    place = (variant, point)
-    runs = {run.seed: run for run in results.runs if (run.variant, run.values) == place}
+    of_variant = [run for run in results.runs if run.variant == variant]
+    runs = {run.seed: run for run in of_variant if run.values == point}
     if not runs:
-        reasons = (gap.why for gap in results.missing if (gap.variant, gap.values) == place)
-        reason = next(reasons, "not in the study")
+        gaps = [gap for gap in results.missing if gap.variant == variant and gap.values == point]
+        reason = gaps[0].why if gaps else "not in the study"
         raise ConfigError(f"no runs for '{variant}', {_point(point)}: {reason}")
     return runs
 
@@ -309,7 +310,7 @@ def _metrics(
     measure: Measure, runs: Sequence[RunResult], partners: Sequence[RunResult]
 ) -> PlayedRates:
     """Return a value of each run in place of success rates, shape (runs, 1)."""
-    values = list(map(partial(_metric, measure), runs, partners))
+    values = [_metric(measure, run, partner) for run, partner in zip(runs, partners, strict=True)]
     return PlayedRates(np.array(values)[:, None], None, None)
 
 

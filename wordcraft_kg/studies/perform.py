@@ -328,13 +328,14 @@ def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -
 
     opened = open_graph(graph)
     book = opened.graph
-    make: Any = {
+    makers: dict[str, Any] = {
         "kernel": lambda recipes: KernelScorer(
             book, recipes, glove_features(book.entities).vectors
         ),
         "facts": lambda recipes: SymbolicScorer(book, recipe_triples(recipes)),
         "neighbours": lambda recipes: NeighbourScorer(book, recipe_triples(recipes)),
-    }[name]
+    }
+    make = makers[name]
     is_full = settings.get("kg", "partial") == "full"
     scorer = make(book.recipes) if is_full else cross_fit(opened.split, make)
     save_scorer(folder, scorer, opened, kg="full" if is_full else "partial", origin=name)

@@ -497,7 +497,7 @@ def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) ->
         settings = {**_IN_STUDIES[PolicyConfig], **settings}
     parts: dict[str, Any] = {}
     for part, kind in PARTS_OF_AGENT.items():
-        names = {field.name for field in fields(kind)} & settings.keys()
+        names = [field.name for field in fields(kind) if field.name in settings]
         parts[part] = kind(**{name: settings[name] for name in names})
     return replace(AgentConfig(graph, scorer), **parts)
 

@@ -590,7 +590,9 @@ def collect_study(root: Path, name: str) -> StudyResults:
 def _played_config(settings: Values) -> WordCraftConfig:
     """Return the test environment of a cell, with the settings alone that decide the tasks."""
     task_settings = {name: settings[name] for name in _OF_TASKS if name in settings}
-    return TaskConfig(**task_settings).environment("test")  # type: ignore[arg-type]
+    config = TaskConfig(**task_settings)  # type: ignore[arg-type]
+    # A small book may lack room for the default number of distractors.
+    return config.environment("test", distractors=0)
 
 
 def groups_of_tasks(opened: OpenedGraph, config: WordCraftConfig) -> tuple[int, ...]:

@@ -177,15 +177,17 @@ def _comparison(
     # Only the same task, with the same distractors, makes a pair.
     partners = {(run.seed, results.tasks_of(run)): run for run in base}
     keys = [(run.seed, results.tasks_of(run)) for run in members]
-    paired = [run for run, key in zip(members, keys, strict=True) if key in partners]
-    if members is base or not paired:
+    pairs = [
+        (run, partners[key]) for run, key in zip(members, keys, strict=True) if key in partners
+    ]
+    if members is base or not pairs:
         return None
-    rates = results.rates_of([partners[key] for key in keys if key in partners])
-    differences = results.rates_of(paired).scores - rates.scores
+    rates = results.rates_of([partner for _, partner in pairs])
+    differences = results.rates_of([run for run, _ in pairs]).scores - rates.scores
     (difference, low, high), exact = crossed_difference(differences, rates.groups, rates.splits)
-    p_value = exact if len(paired) >= FEWEST_PAIRS else None
+    p_value = exact if len(pairs) >= FEWEST_PAIRS else None
     # Holm's correction needs all comparisons of the study; the summary of the study fills it in.
-    return VariantComparison(difference, (low, high), len(paired), p_value, p_corrected=p_value)
+    return VariantComparison(difference, (low, high), len(pairs), p_value, p_corrected=p_value)
 
 
 def _curves(members: Sequence[RunResult]) -> tuple[list[int], NDArray[np.float64]]:
@@ -337,10 +339,12 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
             or tasks.
     """
     if not results.runs:
-        reasons = [f" The first: {gap.why.rstrip('.')}." for gap in results.missing[:1]]
+        reason = ""
+        if results.missing:
+            reason = f" The first: {results.missing[0].why.rstrip('.')}."
         raise ConfigError(
-            f"study '{results.name}' has no finished run, {len(results.missing):,} missing."
-            f"{''.join(reasons)} Run the study first: {results.command}"
+            f"study '{results.name}' has no finished run, {len(results.missing):,} missing.{reason}"
+            f" Run the study first: {results.command}"
         )
     points: dict[tuple[tuple[str, Value], ...], tuple[Values, Runs]] = {}
     # Results are listed by grid point and variant, in the order of the study.

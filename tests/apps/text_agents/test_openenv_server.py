@@ -181,6 +181,8 @@ def test_a_game_that_is_not_offered_is_refused_and_the_session_goes_on(asked, sa
         ('{"type": ["reset"]}', "UNKNOWN_TYPE"),
         ('{"type": "reset", "data": 7}', "UNKNOWN_TYPE"),
         ('{"type": "step"}', "EXECUTION_ERROR"),
+        # The object that an action is, and not the types of messages, is what such a client lacks.
+        ('{"type": "step", "data": "1 + 2"}', "EXECUTION_ERROR"),
         ('{"type": "step", "data": {"answer": "1 + 2"}}', "EXECUTION_ERROR"),
         ('{"type": "step", "data": {"answer": "1 + 2", "first": "1"}}', "EXECUTION_ERROR"),
     ],

@@ -154,9 +154,10 @@ def _environment(package: str) -> jinja2.Environment:
     # Charts look as in reports, and templates share their macros. The page's own package comes
     # first, so that a page from outside may replace a shared template; dict.fromkeys drops the
     # explorer's second mention.
-    environment = make_environment(
-        *dict.fromkeys((package, HOME.package, "wordcraft_kg.apps.web", "wordcraft_kg.reports"))
+    packages = dict.fromkeys(
+        (package, HOME.package, "wordcraft_kg.apps.web", "wordcraft_kg.reports")
     )
+    environment = make_environment(*packages)
     environment.globals["actions"] = ACTIONS
     return environment
 

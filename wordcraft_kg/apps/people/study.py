@@ -10,8 +10,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.resources import files
-from itertools import product, starmap
-from operator import attrgetter
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
@@ -139,7 +138,9 @@ class HumanStudy:
             created=datetime.now(UTC).isoformat(timespec="seconds"),
         )
         # Conditions alternate before forms, since a study compares conditions.
-        self.cells = tuple(starmap(Cell, product(range(config.forms), config.distractors)))
+        self.cells = tuple(
+            Cell(form, amount) for form, amount in product(range(config.forms), config.distractors)
+        )
         # Posed when first needed: a study may have a thousand forms, and few people.
         self._posed: dict[Cell, tuple[PosedTask, ...]] = {}
         self._lock = threading.Lock()
@@ -338,7 +339,7 @@ class ReadStudy:
     def sessions(self) -> list[Session]:
         """Each person's answers as a session."""
         return [
-            Session(self.record, person.cell, tuple(map(attrgetter("answer"), answers)))
+            Session(self.record, person.cell, tuple(stored.answer for stored in answers))
             for person, answers in self.answers.items()
         ]
 

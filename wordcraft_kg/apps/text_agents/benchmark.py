@@ -287,8 +287,9 @@ def task_set(graph: RecipeGraph, depth: int, tasks: Sequence[FrozenTask]) -> Tas
         start: set[int] = set()
         for plan in task.plans:
             recipes = graph.recipes[list(plan)]
+            ingredients = set(recipes[:, :2].ravel().tolist())
             # What the plan does not make itself.
-            start |= {*recipes[:, :2].ravel().tolist()} - {*recipes[:, 2].tolist()}
+            start |= ingredients.difference(recipes[:, 2].tolist())
         starts.append(sorted(start))
         goals.append(graph.recipes[task.plans[0][-1], 2])
     # Padding is `num_entities`, the id of an empty slot.

@@ -152,10 +152,6 @@ class HostedGames:
         return self._hosted[name]
 
 
-_MOST_GAMES = 1_000
-"""Remembered games: ten per player for a hundred players."""
-
-
 # The descriptions of fields are in the tools' schemas, so language models read them too.
 class Position(BaseModel, frozen=True):
     """The current state of a game."""

@@ -289,12 +289,16 @@ def _answer(session: CraftingSession, message: str | bytes) -> str | None:
     data = request.get("data", {})
     if kind == "close":
         return None
-    acts = {"reset": session.reset, "step": session.step, "state": lambda _: session.state}
-    if str(kind) not in acts or not isinstance(data, dict):
-        expected = "expected reset with an object as data, step, state or close."
-        return _error("UNKNOWN_TYPE", f"type {str(kind)[:60]!r}: {expected}")
     try:
-        answer = acts[str(kind)](data)
+        if kind == "reset" and isinstance(data, dict):
+            answer = session.reset(data)
+        elif kind == "step":
+            answer = session.step(data)
+        elif kind == "state":
+            answer = session.state
+        else:
+            expected = "expected reset with an object as data, step, state or close."
+            return _error("UNKNOWN_TYPE", f"type {str(kind)[:60]!r}: {expected}")
     except WordCraftKGError as error:
         return _error("EXECUTION_ERROR", str(error))
     except OSError as error:

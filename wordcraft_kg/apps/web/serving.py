@@ -166,9 +166,8 @@ def listen(host: str, port: int) -> socket.socket:
         raise ConfigError(
             f"`port` {port} {reasons.get(error.errno or 0, error.strerror)}."
         ) from None
-    # Opened by its number it names its protocol: else asyncio leaves TCP_NODELAY off, and a page
-    # may wait for 40 ms.
-    return socket.socket(fileno=bound.detach())
+    # asyncio sets TCP_NODELAY only for a named protocol; otherwise a page may wait for 40 ms.
+    return socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP, fileno=bound.detach())
 
 
 def serve(

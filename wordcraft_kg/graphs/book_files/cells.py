@@ -350,14 +350,16 @@ class FileLabels:
         if source.base is not None:
             source.base = {self.label(text): place for text, place in source.base.items()}
         source.listed = {self.label(text): place for text, place in source.listed.items()}
-        pieces = f"numbers read as pieces, such as '{self.example[:60]}'"
-        wrapped = f"{counted(self.unwrapped, 'cell')} without quotes or markup"
-        notes = ((self.example, pieces), (self.unwrapped, wrapped))
+        notes = []
+        if self.example:
+            notes.append(f"numbers read as pieces, such as '{self.example[:60]}'")
+        if self.unwrapped:
+            notes.append(f"{counted(self.unwrapped, 'cell')} without quotes or markup")
         source.reading = replace(
             source.reading,
             trimmed=source.reading.trimmed + self.trimmed,
             counts_dropped=source.reading.counts_dropped + self.counts_dropped,
-            notes=(*(note for is_said, note in notes if is_said), *source.reading.notes),
+            notes=(*notes, *source.reading.notes),
         )
 
     def row(self, row: Row) -> Entry:

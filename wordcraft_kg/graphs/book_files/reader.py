@@ -368,9 +368,11 @@ class BookRows:
         recipe = self._set(place, ingredients, result)
         if not isinstance(recipe, Recipe):
             return recipe
-        if kind and self.kinds.setdefault(recipe, kind) != kind:
-            message = f"{recipe} has the kind '{kind}' here, and '{self.kinds[recipe]}' above."
-            return fault_at(place, "row", message)
+        if kind:
+            first_kind = self.kinds.setdefault(recipe, kind)
+            if first_kind != kind:
+                message = f"{recipe} has the kind '{kind}' here, and '{first_kind}' above."
+                return fault_at(place, "row", message)
         if quantities:
             numbers = quantities.split()
             if len(numbers) != len(ingredients) or not all(map(is_number, numbers)):
@@ -417,7 +419,7 @@ class BookRows:
     def with_facts(self, book: RecipeBook) -> RecipeBook:
         """Return a book with the kinds and quantities of those rows that became its recipes."""
         # Millions of recipes without any are not looked at one by one.
-        has_facts = self.kinds or self.quantities
+        has_facts = bool(self.kinds) or bool(self.quantities)
         recipes = set(book.recipes) if has_facts else set()
         return replace_field(
             book,

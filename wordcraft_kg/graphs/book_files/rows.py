@@ -109,7 +109,6 @@ class FileRows:
         base: declared base entities with their places; None without a declaration.
         listed: entities that the file lists outside of recipes, with their places.
         is_exact: whether cells are labels as they stand, as in our own shapes.
-
         numbered: all recipes at once, if each row is a plain recipe of two ingredients.
         records: cells of a table's rows by the names of the columns, by line.
     """
@@ -119,7 +118,6 @@ class FileRows:
     base: dict[str, Place] | None = None
     listed: dict[str, Place] = field(default_factory=dict)
     is_exact: bool = False
-
     numbered: RecipeRows | None = None
     records: dict[Place, dict[str, str]] = field(default_factory=dict)
 

@@ -151,7 +151,9 @@ def _view(explored: Explored, state: EpisodeState) -> EpisodeView:
         try:
             agents.append(_agent(name, run, _explained(run, world, state)))
         except (ArtefactError, ConfigError) as error:
-            agents.append(AgentAtTable(name, "", 0, None, problem=str(error)))
+            agents.append(
+                AgentAtTable(run=name, checkpoint="", folds=0, explained=None, problem=str(error))
+            )
     steps = sum(len(agent.explained.episode.steps) for agent in agents if agent.explained)
     terminations = _terminations(main_run, world, state.task)
     return EpisodeView(
@@ -195,7 +197,8 @@ def _explained(run: FollowedRun, world: World, state: EpisodeState) -> Explained
     goal = _label(graph, state.goal) if state.goal else int(world.tasks.goals[state.task])
     # A visitor may change the goal alone, and keep the task's table.
     table = [_label(graph, label) for label in state.labels]
-    table = table or explainer.tables.table(state.task, state.distractor_seed)
+    if not table:
+        table = explainer.tables.table(state.task, state.distractor_seed)
     selection = [_label(graph, state.selection)] if state.selection else []
     return explainer.table(goal, table, selection, like=state.task)
 

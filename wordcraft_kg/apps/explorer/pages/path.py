@@ -148,8 +148,12 @@ def chain_between(explored: Explored, start: int, goal: int) -> Chain:
     split = explored.opened.split
     graph = explored.opened.graph
 
-    arrows = graph.triples[graph.triples[:, 1] == COMPONENT_OF][:, [0, 2]]
-    links = explored.once("components", lambda: nx.DiGraph(arrows.tolist()))
+    # Large graphs have millions of triples, so they are looked at once.
+    def components() -> nx.DiGraph:
+        triples = graph.triples[graph.triples[:, 1] == COMPONENT_OF]
+        return nx.DiGraph(triples[:, [0, 2]].tolist())
+
+    links = explored.once("components", components)
     for source, target in ((start, goal), (goal, start)):
         # networkx raises for an entity without links.
         if source in links and target in links and nx.has_path(links, source, target):

@@ -223,8 +223,9 @@ class OutsideEvidenceFinder:
             order = np.argsort(-strength, kind="stable")[: np.count_nonzero(strength)]
             evidence = []
             for row in book.recipes[order[:LIMIT]].tolist():
-                recipe = Recipe.of(*(book.labels[entity] for entity in row))
-                evidence.append(OutsideEvidence(book.source.name, str(recipe), None))
+                labels = [book.labels[entity] for entity in row]
+                text = str(Recipe.of(*labels))
+                evidence.append(OutsideEvidence(book.source.name, text, None))
             return evidence
 
         return find

@@ -8,8 +8,8 @@ from msgspec.structs import asdict
 
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.evaluation import ranked_links
-from wordcraft_kg.evaluation.ranked_links import Contender, compare
-from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_split, open_graph
+from wordcraft_kg.evaluation.ranked_links import Contender, compare, rank_links
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.models.links.link_config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.model import History, Model
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
@@ -178,6 +178,10 @@ def test_a_split_without_unseen_triples_and_no_resamples_are_refused(frequency, 
     opened = model(FrequencyScorer(graph, graph.triples), data)
     with pytest.raises(SplitError, match=r"only .* unseen test triples"):
         compared(opened, opened)
+    few = RecipeGraph(["a", "b", "c"], [[0, 1, 2]], [])
+    tiny = OpenedGraph(few, make_split(few, SplitConfig(kind="none")), "tiny")
+    with pytest.raises(SplitError, match=r"in the whole graph; .* Use a [a-z ]* recipes\.$"):
+        rank_links(FrequencyScorer(few, few.triples), tiny, kg="full")
     for resamples in (0, -5):
         with refuses("resamples"):
             compared(frequency, frequency, resamples=resamples)

@@ -418,7 +418,7 @@ class Explainer:
         ways = []
         for way in self._ways(query.goal, query.table):
             recipes = graph.recipe_labels(graph.sets[list(way)])
-            table_recipes = (
+            table_recipes = [
                 TableRecipe(
                     ingredients=recipe.ingredients,
                     result=recipe.result,
@@ -426,7 +426,7 @@ class Explainer:
                     is_in_sample=bool(is_seen[row]),
                 )
                 for row, recipe in zip(way, recipes, strict=True)
-            )
+            ]
             ways.append(tuple(table_recipes))
         return ExplainedTable(
             table=graph.labels(query.table),
@@ -553,10 +553,10 @@ class Explainer:
                 if self._outside:
                     entity = int(state.table[0, slot])
                     outside = self._outside.of_recipe(entity, evidence.partner, expected)
-                plan = (
+                plan = [
                     ExpectedAttempt(entities[a], entities[b], entities[product], probability)
                     for a, b, product, probability in evidence.plan
-                )
+                ]
                 result[slot] = SlotEvidence(
                     source=name,
                     partner=entities[evidence.partner],
@@ -631,7 +631,7 @@ def explain_episodes(
 def _chosen_tables(
     world: World, goal: str | None, task: int | None, episodes: int
 ) -> Iterator[tuple[int, int]]:
-    """Return the tasks and distractor seeds to play; arguments as of :func:`explain_episodes`."""
+    """Yield the tasks and distractor seeds to play; arguments as of :func:`explain_episodes`."""
     tasks = world.tasks
     if task is not None:
         rows = np.array([whole("task", task, 0, len(tasks) - 1)])

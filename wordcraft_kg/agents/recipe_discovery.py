@@ -111,9 +111,13 @@ class RecipeDiscoverer(BestPairDiscoverer):
             self._is_known[row] = True
         self._score(row, partners)
         scored = [self._scored[_ordered(row, partner)] for partner in partners.tolist()]
-        results, scores = zip(*scored, strict=True)
+        results = [results_of_pair for results_of_pair, _ in scored]
+        scores = [scores_of_pair for _, scores_of_pair in scored]
         partner_ids = torch.from_numpy(partners)
-        num_foreign = float(row >= self._own) + (partners >= self._own)
+        # Entities of the pair that the scorer's book lacks.
+        num_foreign = (partners >= self._own).astype(np.float64)
+        if row >= self._own:
+            num_foreign += 1
         # In the order of `PRIOR`, without its second feature.
         fixed = [
             np.ones(len(partners)),

@@ -208,10 +208,7 @@ _LOOKS_LIKE = {
     "y": "\u0443\u03b3\u04af\ua4ec\u13a9\u13bd",
     "z": "\u03b6\ua4dc\u13c3",
 }
-_LATIN = str.maketrans(
-    "".join(_LOOKS_LIKE.values()),
-    "".join(letter * len(chars) for letter, chars in _LOOKS_LIKE.items()),
-)
+_LATIN = {ord(char): letter for letter, chars in _LOOKS_LIKE.items() for char in chars}
 # Greek capitals like a Latin capital whose small letters look like another letter, or like none.
 _CAPITALS = str.maketrans("\u0397\u039c\u039d\u03a5", "HMNY")
 # Letters with a hook or stroke, and Latin capitals in the size of small letters, in boxes or as the

@@ -371,7 +371,7 @@ def summarise_agents(view: AgentsView, report: str) -> dict[str, Any]:
 def _made_by_other_books(agents: Sequence[OpenedAgent]) -> frozenset[str] | None:
     """Return the labels that other books of any scorer make; None if no scorer has another book."""
     # One set for all agents: success is compared on the same groups of goals.
-    labels_by_agent = (agent.made_by_other_books for agent in agents)
+    labels_by_agent = [agent.made_by_other_books for agent in agents]
     label_sets = [labels for labels in labels_by_agent if labels is not None]
     return frozenset().union(*label_sets) if label_sets else None
 

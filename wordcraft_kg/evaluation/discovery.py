@@ -81,10 +81,10 @@ def open_guide(folder: str | Path, graph: RecipeGraph) -> Guide:
     world_recipes = set(map(tuple, rows.tolist()))
     train_recipes = set(map(tuple, recipes.scorer.recipes.tolist()))
     shared = world_recipes & train_recipes
-    world_pairs, train_pairs, shared_pairs = (
-        {recipe[:2] for recipe in part} for part in (world_recipes, train_recipes, shared)
-    )
-    contradicted = (world_pairs & train_pairs) - shared_pairs
+    world_pairs = {recipe[:2] for recipe in world_recipes}
+    train_pairs = {recipe[:2] for recipe in train_recipes}
+    agreeing = {recipe[:2] for recipe in shared}
+    contradicted = (world_pairs & train_pairs) - agreeing
     return Guide(Path(folder).name, recipes, len(shared), len(contradicted))
 
 

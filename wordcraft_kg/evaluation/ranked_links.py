@@ -171,10 +171,14 @@ def rank_links(
     everything = opened.graph.triples if kg == "full" else opened.split.held_out("test")
     queries = sampled(everything, max_queries // 2, seed) if max_queries else everything
     if len(queries) < MIN_TRIPLES:
-        triples = "triples in the whole graph" if kg == "full" else "unseen test triples"
+        triples = "unseen test triples"
+        remedy = "Use a recipe book with more recipes, or a graph with a smaller `train_ratio`."
+        if kg == "full":
+            triples = "triples in the whole graph"
+            remedy = "Use a recipe book with more recipes."
         raise SplitError(
             f"only {len(queries)} {triples}; a meaningful metric needs at least {MIN_TRIPLES}. "
-            "Use a recipe book with more recipes, or build the graph with a smaller `train_ratio`."
+            f"{remedy}"
         )
     ranks = rank_triples(scorer, queries, opened.graph.triples)
     return RankedLinks(
@@ -318,13 +322,13 @@ def compare(
     # Also of a model of the full graph the test triples are ranked.
     ranked = []
     for contender in contenders:
-        ranks = [
+        links = [
             rank_links(run.scorer, run.opened, max_queries=MAX_QUERIES, seed=seed)
             for run in contender.runs
         ]
-        ranked.append(_averaged(contender, ranks))
+        ranked.append(_averaged(contender, links))
     # All models have the same queries, and so the same clusters.
-    shared = ranks[0]
+    shared = links[0]
     clusters = shared.clusters
     pairs = len(contenders) * (len(contenders) - 1) // 2
     # Bonferroni: all intervals hold together at 95 %, whichever pair a reader picks.

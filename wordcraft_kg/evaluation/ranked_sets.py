@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from wordcraft_kg.base import ArtefactError, ConfigError, Count, Record, Share, check_file
+from wordcraft_kg.base import ConfigError, Count, Record, Share, check_file
 from wordcraft_kg.base.artefacts import gunzip, is_gzip
 from wordcraft_kg.base.statistics import paired_difference, wilson_interval
 from wordcraft_kg.graphs import Ids, TrainedOn
@@ -224,10 +224,11 @@ def read_predictions(path: Path) -> Predictions:
         )
     check_file(path, _MOST_BYTES)
     data = path.read_bytes()
+    if is_gzip(data):
+        data = gunzip(path, data, _MOST_BYTES, ConfigError)
     try:
-        text = gunzip(path, data, _MOST_BYTES) if is_gzip(data) else data
-        return msgspec.convert(json.loads(text), dict[str, list[list[str]]])
-    except (ArtefactError, ValueError, RecursionError, msgspec.ValidationError) as error:
+        return msgspec.convert(json.loads(data), dict[str, list[list[str]]])
+    except (ValueError, RecursionError, msgspec.ValidationError) as error:
         raise ConfigError(
             f"{path}: no predictions ({str(error)[:80]}); expected JSON such as "
             '{"mud": [["earth", "water"]]}: sets of ingredients by goal, best first.'

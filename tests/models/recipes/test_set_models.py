@@ -494,6 +494,13 @@ def test_a_file_without_predictions_is_refused(put, text):
         read_predictions(path)
 
 
+def test_predictions_that_end_too_early_are_named_as_damaged(tmp_path):
+    path = tmp_path / f"{'long' * 20}.json.gz"
+    path.write_bytes(gzip.compress(b'{"mud": [["earth", "water"]]}')[:-9])
+    with pytest.raises(ConfigError, match=r"is damaged: .* ended"):
+        read_predictions(path)
+
+
 def test_train_sets_of_a_goal_are_no_answers_and_repeats_count_if_the_book_has_some(letters_model):
     taken = [frozenset({("ax", "bx")})]
     answers = [["bx", "ax"], ["bx", "ax", "ax"], ["cx", "ax"], ["ax", "cx"]]

@@ -499,7 +499,7 @@ def call(tmp_path, monkeypatch):
     path = tmp_path / "loops.py"
     path.write_text(SOURCE)
 
-    def call(*, has_second=False):
+    def call(further=""):
         spec = importlib.util.spec_from_file_location("loops", path)
         module = importlib.util.module_from_spec(spec)
         monkeypatch.setitem(sys.modules, "loops", module)
@@ -507,9 +507,11 @@ def call(tmp_path, monkeypatch):
         values = np.arange(3)
         module.doubled(values)
         assert values.tolist() == [0, 2, 4]
-        if has_second:
+        if further == "loop":
             module.tripled(values)
             assert values.tolist() == [0, 6, 12]
+        elif further == "types":
+            module.doubled(np.ones(1))
         return sum(module.doubled.stats.cache_hits.values())
 
     assert call() == 0
@@ -517,9 +519,10 @@ def call(tmp_path, monkeypatch):
     return call
 
 
-def test_machine_code_of_another_loop_never_runs(call, tmp_path):
+@pytest.mark.parametrize("further", ["loop", "types"])
+def test_machine_code_of_another_loop_or_for_other_types_never_runs(call, tmp_path, further):
     """Both files are as they were written, but one lies in the place of the other."""
-    call(has_second=True)
+    call(further)
     paths = sorted((tmp_path / "cache").rglob("*.nbc"))
     paths[0].write_bytes(paths[1].read_bytes())
     assert call() == 0

@@ -271,7 +271,9 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def _hashes(path: Path) -> dict[str, str]:
     """Return the hash of a file, or of each file in a folder, by name."""
-    files = sorted(filter(Path.is_file, path.iterdir())) if path.is_dir() else [path]
+    files = [path]
+    if path.is_dir():
+        files = sorted(file for file in path.iterdir() if file.is_file())
     return {file.name: sha256_of(file) for file in files}
 
 

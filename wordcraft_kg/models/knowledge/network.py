@@ -102,10 +102,15 @@ class Network:
             names: relations that count; all of them if it is empty. Names that the network lacks
                 are ignored; without a known one, the matrix holds zeros alone.
         """
-        is_wanted = np.isin(self.edges[:, 1], self.ids_of(names or self.relations))
-        heads, _, tails = self.edges[is_wanted].T
+        edges = self.edges
+        weights = self.weights
+        if names:
+            is_wanted = np.isin(edges[:, 1], self.ids_of(names))
+            edges = edges[is_wanted]
+            weights = weights[is_wanted]
+        heads, _, tails = edges.T
         size = len(self.nodes)
-        return sparse.csr_array((self.weights[is_wanted], (heads, tails)), shape=(size, size))
+        return sparse.csr_array((weights, (heads, tails)), shape=(size, size))
 
 
 def plain(text: str) -> str:

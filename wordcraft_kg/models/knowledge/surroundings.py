@@ -195,7 +195,10 @@ def with_descriptions(network: Network, alignment: Alignment, entities: Sequence
     """
     # The same words occur in most definitions.
     base_form = cache(network.base_form)
-    definitions = [list(map(base_form, _WORD.findall(plain(gloss)))) for gloss in network.glosses]
+    definitions = []
+    for gloss in network.glosses:
+        words = _WORD.findall(plain(gloss))
+        definitions.append([base_form(word) for word in words])
     phrases = _phrases(network, alignment, entities)
     # Sorted, because sets have no order that is the same in every process.
     mentions = sorted(_mentions(definitions, phrases))

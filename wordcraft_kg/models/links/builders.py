@@ -207,7 +207,9 @@ def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLo
             f"`model` {config.model!r}: PyKEEN cannot build this model for a recipe graph "
             f"({error!r})."
         ) from None
-    negatives = {"negative_sampler_kwargs": {"num_negs_per_pos": config.negatives}}
+    sampling: dict[str, Any] = {}
+    if not is_softmax:
+        sampling["negative_sampler_kwargs"] = {"num_negs_per_pos": config.negatives}
     return training_loop_resolver.lookup("symmetriclcwa" if is_softmax else "slcwa")(
         model=model,
         triples_factory=factory,
@@ -216,7 +218,7 @@ def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLo
         automatic_memory_optimization=model.device.type == "cuda",
         optimizer="Adam",
         optimizer_kwargs={"lr": config.learning_rate},
-        **({} if is_softmax else negatives),
+        **sampling,
     )
 
 

@@ -402,14 +402,19 @@ def _reciprocal_ranks(
     model = fit(
         settings, triples_factory(graph, trained_on, outside), after_epoch, graph.num_entities
     )
-    scorers: list[Scorer] = []
+
+    def sum_of(scorer: Scorer) -> float:
+        ranks = rank_triples(scorer, queries, graph.triples)
+        return float((1 / ranks["rank"]).sum())
+
+    sums = []
+    # One scorer after the other: each has a copy of all embeddings.
     for weight in POPULARITY:
         popular = replace(settings, popularity=weight)
         tensors = scorer_tensors(popular, model, trained_on, graph.num_entities)
-        scorers.append(make_scorer(*tensors, graph.entities, graph.hash))
-    scorers.append(FrequencyScorer(graph, trained_on))
-    ranks = [rank_triples(scorer, queries, graph.triples)["rank"] for scorer in scorers]
-    return np.array([float((1 / rank).sum()) for rank in ranks])
+        sums.append(sum_of(make_scorer(*tensors, graph.entities, graph.hash)))
+    sums.append(sum_of(FrequencyScorer(graph, trained_on)))
+    return np.array(sums)
 
 
 def split_of_train(split: Split, held_out: float, seed: int, recipes: Ids | None = None) -> Split:

@@ -630,7 +630,8 @@ def drawn_tables(
         ids of slots, shape (N, A), -1 for empty slots; and goals, shape (N,).
     """
     # A small book has few recipes to learn from, so that more distractors help.
-    draws = int(np.clip(EXAMPLES // max(len(known), 1), *DRAWS))
+    min_draws, max_draws = DRAWS
+    draws = int(np.clip(EXAMPLES // max(len(known), 1), min_draws, max_draws))
     tables = [_tables(recipes, known, size, amount, rng) for amount in TABLES * draws]
     return np.concatenate(tables), np.tile(recipes[:, 2], len(tables))
 

@@ -58,7 +58,8 @@ def extended(
         RecipeFileError: if a label is invalid.
     """
     main = _recipe_scorer(scorer)
-    entities = (*main.entities, *(check_label(label, "a new entity") for label in labels))
+    checked = [check_label(label, "a new entity") for label in labels]
+    entities = (*main.entities, *checked)
     if len(set(entities)) < len(entities):
         # From the end, where the new labels are.
         repeated = next(label for label in reversed(entities) if entities.count(label) > 1)

@@ -166,11 +166,11 @@ class OutsideEvidenceFinder:
 
     def _find(self, slots: _Slots) -> tuple[OutsideEvidence, ...]:
         by_source = [source(slots) for source in self._sources]
-        # In turns: the strongest evidence of each source, then the second of each; None where a
-        # source has no more.
-        pieces = filter(None, chain.from_iterable(zip_longest(*by_source)))
-        # Each piece once, at its first place.
-        return tuple(islice(dict.fromkeys(pieces), LIMIT))
+        # In turns: the strongest evidence of each source, then the second of each.
+        pieces = chain.from_iterable(zip_longest(*by_source))
+        # None where a source has no more; each piece once, at its first place.
+        distinct = dict.fromkeys(piece for piece in pieces if piece is not None)
+        return tuple(islice(distinct, LIMIT))
 
     @cached_property
     def _sources(self) -> list[_Source]:
@@ -223,8 +223,9 @@ class OutsideEvidenceFinder:
             order = np.argsort(-strength, kind="stable")[: np.count_nonzero(strength)]
             evidence = []
             for row in book.recipes[order[:LIMIT]].tolist():
-                recipe = Recipe.of(*(book.labels[entity] for entity in row))
-                evidence.append(OutsideEvidence(book.source.name, str(recipe), None))
+                labels = [book.labels[entity] for entity in row]
+                text = str(Recipe.of(*labels))
+                evidence.append(OutsideEvidence(book.source.name, text, None))
             return evidence
 
         return find

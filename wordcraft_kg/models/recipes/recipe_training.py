@@ -296,7 +296,8 @@ class RecipesTraining(FitsTraining):
         # Also where no encoder uses it: a wrong name is noticed before the book grows.
         check_device(settings.device)
         num_folds = self.folds.count if settings.kg == "partial" else 0
-        self.every: list[LeftOut] = [(), *((fold,) for fold in range(num_folds))]
+        single_folds = [(fold,) for fold in range(num_folds)]
+        self.every: list[LeftOut] = [(), *single_folds]
         self.num_fits = len(self.every)
         encoders = len(encoders_of(self.folds, self.every)) if self.has_encoder else 0
         self.workers = fitting_workers(graph.num_entities, num_recipes, dim, cores(), encoders)

@@ -114,8 +114,10 @@ class RecipeScorer(StoredScorer, RecipeScores):
         # Each key, an entity on one side of links, has candidates on the other side.
         keys, candidates = (tails[:, 0], heads) if has_heads else (heads[:, 0], tails)
         scores = torch.zeros(candidates.shape, device=self.device)
-        for relation in relations.unique().tolist():
-            is_own = relations[:, 0] == relation
+        # A row has one relation, and a ranking has millions of columns in all.
+        row_relations = relations[:, 0]
+        for relation in row_relations.unique().tolist():
+            is_own = row_relations == relation
             own_keys = keys[is_own]
             own_candidates = candidates[is_own]
             if self._has_table(relation, width * len(own_keys)):

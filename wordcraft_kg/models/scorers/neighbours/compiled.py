@@ -77,8 +77,27 @@ class _Files(IndexDataCacheFile):
     """Files that end with a hash of the function, its source and the content.
 
     It is compared when a file is read: an index may lead to a file of an earlier source, as after a
-    full disk.
+    full disk. The content names the types of arguments, too: where two processes compile for
+    different types at the same time, the index may lead to the file of the other types.
     """
+
+    def save(self, key: Any, data: Any) -> None:
+        """Save the machine code for a key, which holds the types of arguments."""
+        super().save(key, (key, data))
+
+    def load(self, key: Any) -> Any:
+        """Return the machine code for a key; None if there is none yet.
+
+        Raises:
+            ValueError: if a file differs from its hash, or has the code for other types.
+        """
+        entry = super().load(key)
+        if entry is None:
+            return None
+        saved_key, data = entry
+        if saved_key != key:
+            raise ValueError(f"{self._data_name_pattern} was compiled for other types")
+        return data
 
     def _dump(self, value: Any) -> bytes:
         content: bytes = super()._dump(value)

@@ -386,7 +386,8 @@ class RecipeKnowledge(StoredKnowledge):
         smallest = np.finfo(np.float32).tiny
         shares = evidence / max(evidence.sum(), smallest)
         strengths = evidence / max(evidence.max(initial=0), smallest)
-        recipes = np.stack([lists.first, lists.second, lists.result], axis=1)[numbers]
+        columns = (lists.first, lists.second, lists.result)
+        recipes = np.stack([column[numbers] for column in columns], axis=1)
         is_other = (recipes[:, 2] != goal) | (shares < LEAST_SHARE)
         # The last key counts first; ties stay in the order of the list.
         by_share = np.lexsort((-evidence, is_other))

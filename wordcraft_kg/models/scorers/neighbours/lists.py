@@ -88,7 +88,7 @@ class Neighbours(NamedTuple):
     words: Floats
 
 
-class Pairs(NamedTuple):
+class PairTable(NamedTuple):
     """Hash table of ingredient pairs.
 
     Attributes:
@@ -151,7 +151,7 @@ class Lists(NamedTuple):
     first: Numbers
     second: Numbers
     result: Numbers
-    pairs: Pairs
+    pairs: PairTable
     result_bits: Bits
     parts: Rows
     num_uses: Numbers
@@ -279,7 +279,7 @@ def make_lists(
         first=first,
         second=second,
         result=result,
-        pairs=Pairs(partner_bits, keys, first_recipes, counts, result),
+        pairs=PairTable(partner_bits, keys, first_recipes, counts, result),
         result_bits=result_bits,
         parts=Rows(part_starts, parts.astype(np.int32), part_counts.astype(np.int32)),
         num_uses=num_uses,
@@ -294,8 +294,10 @@ def make_lists(
 
 def _sparse_rows(matrix: Any) -> Rows:
     """Return a SciPy matrix by rows as arrays in the types that loops are compiled for."""
-    starts = matrix.indptr.astype(np.int64)
-    return Rows(starts, matrix.indices.astype(np.int32), matrix.data.astype(np.float32))
+    # Without a copy if possible: those of a large book take hundreds of megabytes.
+    starts = matrix.indptr.astype(np.int64, copy=False)
+    columns = matrix.indices.astype(np.int32, copy=False)
+    return Rows(starts, columns, matrix.data.astype(np.float32, copy=False))
 
 
 def _structural_neighbours(rows: Any, nearest: int) -> Rows:

@@ -265,8 +265,10 @@ class StoredKnowledge(nn.Module):
             "recipes": distinct,
             "seen": torch.cat(masks),
         }
-        for name in models[0]._names[len(constants) :]:
-            constants[name] = torch.cat([getattr(model, name) for model in models])
+        # All others have a first axis of models.
+        for name in models[0]._names:
+            if name not in constants:
+                constants[name] = torch.cat([getattr(model, name) for model in models])
         stack = cls(constants)
         # Lists that are made already serve the stack, too.
         first = 0

@@ -25,6 +25,7 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 from starlette.routing import Route, Router
 from starlette.types import ASGIApp
+from threadpoolctl import threadpool_limits
 
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Addresses, Page, PageState
@@ -47,6 +48,7 @@ from wordcraft_kg.base import (
     steps,
     write_atomically,
 )
+from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.reports.agent_report import ACTIONS
 from wordcraft_kg.reports.pages import Outline, make_environment
 from wordcraft_kg.runs.record import RUN_FILE
@@ -348,7 +350,9 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
     files = _Files(explored)
     sizes = []
     skipped = {}
-    with staged_folder(out, force=force) as folder:
+    # Pages need small sums alone: threads that wait for each other would take most of the time
+    # where other work runs.
+    with torch_threads(1), threadpool_limits(1), staged_folder(out, force=force) as folder:
         write_atomically(folder / "explorer.css", style_sheet())
         write_atomically(folder / "search.js", files.search())
         for name, text in static_texts(PACKAGE, SCRIPTS).items():

@@ -10,7 +10,7 @@ from markupsafe import Markup, escape
 
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.agent_report import contribution_bar
-from wordcraft_kg.reports.charts import COLOURS, DARK_SERIES, LIGHT_SERIES, Curve
+from wordcraft_kg.reports.charts import COLOURS, DARK_SERIES, LIGHT_SERIES, ChartCurve
 
 LABEL = "<b>&\"'$x$</b>\u202e"
 NO_ESTIMATE = (0.0, None, None)
@@ -43,7 +43,9 @@ def straight(end, last=3e6):
 
 def drawn(series, percent=True, **options):
     """Curves without titles."""
-    lines = [Curve(name, points, number) for number, (name, points) in enumerate(series.items())]
+    lines = [
+        ChartCurve(name, points, number) for number, (name, points) in enumerate(series.items())
+    ]
     return charts.curves(lines, "", "", "", percent=percent, **options)
 
 
@@ -56,8 +58,8 @@ def lines_of(axes):
 CHARTS = {
     "curves": lambda label: charts.curves(
         [
-            Curve(label, [(0, 1.0, 0.5, 2.0), (2, 1.0, None, None)], 0, is_dashed=True),
-            Curve("_two", [(1, 1, 0, 2)], 1),
+            ChartCurve(label, [(0, 1.0, 0.5, 2.0), (2, 1.0, None, None)], 0, is_dashed=True),
+            ChartCurve("_two", [(1, 1, 0, 2)], 1),
         ],
         label,
         label,

@@ -53,7 +53,7 @@ def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]])
         for part, points in parts.items():
             estimates = [(point.step, point.success, point.low, point.high) for point in points]
             # Both curves of an agent share a colour, so the distance between them is easy to see.
-            drawn.append(charts.Curve(f"{agent}, {part}", estimates, number, part == "train"))
+            drawn.append(charts.ChartCurve(f"{agent}, {part}", estimates, number, part == "train"))
     return charts.curves(
         drawn,
         "environment steps",
@@ -72,7 +72,7 @@ def picture_of_lambdas(agent: str, lambdas: Sequence[LambdaCurve]) -> charts.Cha
         colour = colour_of_source[curve.source]
         # Both actions of a source share its colour; dashes tell them apart.
         is_second = curve.action == "second"
-        drawn.append(charts.Curve(label, _without_interval(curve.points), colour, is_second))
+        drawn.append(charts.ChartCurve(label, _without_interval(curve.points), colour, is_second))
     return charts.curves(
         drawn,
         "environment steps",
@@ -99,7 +99,7 @@ def pictures_of_metrics(
             for place, curve in enumerate(by_metric.get(figure, ())):
                 # The first seed's curve carries the agent's name.
                 label = agent if place == 0 else ""
-                drawn.append(charts.Curve(label, _without_interval(curve.points), number))
+                drawn.append(charts.ChartCurve(label, _without_interval(curve.points), number))
         if drawn:
             pictures[figure] = charts.curves(
                 drawn,

@@ -379,7 +379,7 @@ _MOST_BOUNDS = 100
 
 
 @dataclass(frozen=True)
-class Curve:
+class ChartCurve:
     """A curve of a chart.
 
     Attributes:
@@ -405,7 +405,7 @@ class Curve:
 
 
 def curves(
-    drawn: Sequence[Curve],
+    drawn: Sequence[ChartCurve],
     x_title: str,
     y_title: str,
     description: str,

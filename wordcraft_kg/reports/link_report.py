@@ -92,11 +92,14 @@ def _pictures_of_training(view: LinkView) -> dict[str, charts.Chart]:
     pictures = {}
     if loss:
         pictures["loss"] = charts.curves(
-            [charts.Curve("loss", loss, 0)], "epoch", "training loss", "Training loss by epoch"
+            [charts.ChartCurve("loss", loss, 0)], "epoch", "training loss", "Training loss by epoch"
         )
     if valid:
         pictures["valid"] = charts.curves(
-            [charts.Curve("MRR", valid, 0)], "epoch", "validation MRR", "Validation MRR by epoch"
+            [charts.ChartCurve("MRR", valid, 0)],
+            "epoch",
+            "validation MRR",
+            "Validation MRR by epoch",
         )
     return pictures
 

@@ -314,7 +314,7 @@ def _curves(view: StudyView, point: PointMetrics) -> Chart:
         # A player without training is a level from the first step to the last.
         if is_level:
             points = [(step, entry.mean, None, None) for step in (0, last_step)]
-        drawn.append(charts.Curve(entry.variant, points, colours[entry.variant], is_level))
+        drawn.append(charts.ChartCurve(entry.variant, points, colours[entry.variant], is_level))
     return charts.curves(
         drawn,
         "environment steps",

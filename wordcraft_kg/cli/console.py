@@ -32,6 +32,7 @@ from wordcraft_kg.base import (
 from wordcraft_kg.base.errors import StdoutError
 from wordcraft_kg.base.wording import code_point, for_json
 from wordcraft_kg.runs.progress import ProgressBar, Stages
+from wordcraft_kg.runs.run_folder import Progress
 
 OUTPUT_GROUP = "Output and configuration"
 """Title in the help of the options that every command has."""
@@ -91,11 +92,11 @@ class Output:
             ) from None
 
     # Progress goes to stderr, so that a result on stdout can be piped.
-    def progress(self, what: str, unit: str = "epoch") -> ProgressBar:
+    def progress(self, what: str, unit: str = "epoch") -> Progress:
         """Return a reporter that shows progress of the work ``what`` on stderr, by ``unit``."""
         # A training that stopped early has not reported the end.
         ProgressBar.close_current()
-        return ProgressBar(what, unit=unit, hidden=self.quiet)
+        return ProgressBar(what, unit=unit) if not self.quiet else lambda done, total, figures: None
 
     @contextmanager
     def session(self) -> Iterator[None]:

@@ -387,26 +387,6 @@ def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
             _settle(folder)
 
 
-def check_run_output(out: Path, *, force: bool) -> None:
-    """Check that a training may write to ``out``, before slow work.
-
-    Args:
-        out: the run folder; free, or with an unfinished run, which the command resumes.
-        force: whether an existing folder may be replaced.
-
-    Raises:
-        OutputExistsError: if it holds something else and ``force`` is False, or anything that
-            :func:`~wordcraft_kg.base.artefacts.check_output` never replaces.
-    """
-    # A folder without a run, or with a damaged record, is no run.
-    with suppress(ArtefactError):
-        if read_run(out).status != "done":
-            return
-        # Checkpoints beside a result were left by a run that was killed after the last record.
-        shutil.rmtree(out / "checkpoints", ignore_errors=True)
-    check_new_run(out, force=force)
-
-
 def check_new_run(out: Path, *, force: bool) -> None:
     """Check that a new run may use ``out``: missing, empty, or left by a run killed at the start.
 

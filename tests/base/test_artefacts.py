@@ -263,7 +263,7 @@ REFUSED = {
     "cut": (zipped(("a.json", CONTENT))[:-30], "is damaged: BadZipFile"),
     "a member is missing": (zipped(("b.json", CONTENT)), "'a.json', is missing"),
     "LZMA": (zipped(("a.json", CONTENT), method=zipfile.ZIP_LZMA), "compression method 14"),
-    "encrypted": (changed(8, 1, "<H"), "'a.json', is encrypted"),
+    "encrypted": (changed(8, 1, "<H"), "is encrypted, password required"),
     "patched": (changed(8, 0x20, "<H"), "is damaged: NotImplementedError"),
     "version": (changed(6, 99, "<H"), "is damaged: NotImplementedError"),
     "a place behind the end": (changed(42, 2**31), "is damaged"),

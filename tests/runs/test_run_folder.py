@@ -31,12 +31,7 @@ from wordcraft_kg.models.links.link_training import LinksTraining
 from wordcraft_kg.runs import run_folder as folder_module
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.record import read_run
-from wordcraft_kg.runs.run_folder import (
-    RunKind,
-    check_new_run,
-    new_run,
-    resumed_run,
-)
+from wordcraft_kg.runs.run_folder import RunKind, made_folder, new_run, resumed_run
 
 
 class Links:
@@ -365,13 +360,13 @@ def test_a_first_run_that_fails_leaves_nothing_not_even_the_folders_above(tmp_pa
 
 
 def test_a_run_that_another_process_has_finished_meanwhile_stays(tmp_path, monkeypatch):
-    def checked(out, *, force):
-        """Let another process train between the first check and the lock."""
-        check_new_run(out, force=force)
+    def made(folder):
+        """Let another process train before the check under the lock."""
         monkeypatch.undo()
-        plain_run.train(out, "the first")
+        plain_run.train(tmp_path / "run", "the first")
+        return made_folder(folder)
 
-    monkeypatch.setattr(folder_module, "check_new_run", checked)
+    monkeypatch.setattr(folder_module, "made_folder", made)
     with pytest.raises(OutputExistsError, match="exists"):
         plain_run.train(tmp_path / "run", "the second")
     assert (tmp_path / "run/result").read_text() == "the first"

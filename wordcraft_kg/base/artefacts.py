@@ -390,10 +390,9 @@ def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
         OutputExistsError: see :func:`check_output`.
     """
     check_output(out, force=force)
-    target = output_target(out)
-    with _staging(target) as staging:
+    with _staged(out, force=force) as staging:
+        staging.mkdir()
         yield staging
-        _replace_folder(staging, target, force=force)
 
 
 @contextmanager
@@ -406,11 +405,8 @@ def staged_file(out: Path, *, force: bool = False) -> Iterator[Path]:
         OutputExistsError: see :func:`check_output_file`.
     """
     check_output_file(out, force=force)
-    target = output_target(out)
-    with _staging(target) as staging:
-        # The name as given: formats and titles come from it.
-        yield staging / out.name
-        _replace_file(staging / out.name, target, force=force)
+    with _staged(out, force=force) as staging:
+        yield staging
 
 
 def check_output_file(out: Path, *, force: bool, setting: str = "out") -> None:
@@ -451,60 +447,38 @@ def made_folder(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _staging(out: Path) -> Iterator[Path]:
-    """Make the parents of ``out`` and a temporary folder beside it."""
-    with made_folder(out.parent):
-        staging = _beside(out)
-        staging.mkdir()
+def _staged(out: Path, *, force: bool) -> Iterator[Path]:
+    """Yield a path in a temporary folder beside ``out``; what is there in the end becomes ``out``.
+
+    An earlier ``out`` is moved aside and restored after a failure.
+
+    Raises:
+        OutputExistsError: if another process has written ``out`` since it was checked.
+    """
+    target = output_target(out)
+    with made_folder(target.parent):
+        temporary = _beside(target)
+        temporary.mkdir()
         try:
-            yield staging
+            # The name as given: formats and titles come from it.
+            staged = temporary / with_a_name(out).name
+            yield staged
+            if target.exists() and not force:
+                raise _written_meanwhile(out)
+            # A rename replaces a file, but no folder with content.
+            earlier = temporary / f"{staged.name}.earlier"
+            try:
+                if target.is_dir():
+                    os.rename(target, earlier)
+                os.replace(staged, target)
+            except BaseException as error:
+                if isinstance(error, OSError) and error.errno in (errno.EEXIST, errno.ENOTEMPTY):
+                    raise _written_meanwhile(out) from None
+                if earlier.exists() and not target.exists():
+                    os.rename(earlier, target)
+                raise
         finally:
-            shutil.rmtree(staging, ignore_errors=True)
-
-
-def _replace_folder(staging: Path, out: Path, *, force: bool) -> None:
-    """Rename ``staging`` to ``out``; with ``force`` in the place of an earlier folder.
-
-    The earlier folder is restored after a failure.
-
-    Raises:
-        OutputExistsError: if another process has written ``out`` since it was checked.
-    """
-    aside: Path | None = None
-    # A rename does not replace a folder with content, so the old folder is moved aside first.
-    if force and out.exists():
-        aside = _beside(out)
-        os.rename(out, aside)
-    try:
-        os.rename(staging, out)
-    except BaseException as error:
-        is_taken = isinstance(error, OSError) and error.errno in (errno.EEXIST, errno.ENOTEMPTY)
-        if is_taken:
-            raise _written_meanwhile(out) from None
-        if aside is not None:
-            os.rename(aside, out)
-        raise
-    finally:
-        if aside is not None:
-            shutil.rmtree(aside, ignore_errors=True)
-
-
-def _replace_file(staged: Path, out: Path, *, force: bool) -> None:
-    """Rename ``staged`` to ``out``; only with ``force`` in the place of an earlier file.
-
-    Raises:
-        OutputExistsError: if another process has written ``out`` since it was checked.
-    """
-    if not force:
-        try:
-            # Unlike a rename, a link never replaces a file.
-            os.link(staged, out)
-            return
-        except FileExistsError:
-            raise _written_meanwhile(out) from None
-        except OSError:  # a file system without hard links
-            pass
-    os.replace(staged, out)
+            shutil.rmtree(temporary, ignore_errors=True)
 
 
 def _written_meanwhile(out: Path) -> OutputExistsError:
@@ -538,8 +512,6 @@ _FREE = 2**20
 """Bytes that may come out of compressed data whatever the ratio."""
 _ZIP_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _GZIP_MAGIC = b"\x1f\x8b"
-_ENCRYPTED = 0x1
-"""Bit of a member's flags."""
 
 
 @contextmanager
@@ -615,14 +587,12 @@ class ZipArchive:
             largest: limit of its size after unpacking, in bytes.
 
         Raises:
-            WordCraftKGError: if the archive lacks the member, or if the member is encrypted, too
-                large, or compressed by another method than deflate.
+            WordCraftKGError: if the archive lacks the member, or if the member is too large, or
+                compressed by another method than deflate.
         """
         if name not in self.members:
             raise self._refuse(name, "is missing")
         entry = self.members[name]
-        if entry.flag_bits & _ENCRYPTED:
-            raise self._refuse(name, "is encrypted")
         if entry.compress_type not in _ZIP_METHODS:
             raise self._refuse(
                 name,

@@ -27,7 +27,7 @@ from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScore
 from wordcraft_kg.models.scorers.features import ENCODE
 from wordcraft_kg.runs.record import RUN_FILE
 from wordcraft_kg.runs.run_folder import interruption_message
-from wordcraft_kg.runs.training import Training, begun_run
+from wordcraft_kg.runs.training import Training, train
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.agent_training import TrainedAgent
@@ -185,7 +185,7 @@ def run_training(
     text: list[str] = []
     # One by one: each seed's report is there before the next training begins.
     for name, seed_config in configs.items():
-        run = begun_run(
+        trained = train(
             trainer,
             seed_config,
             out and out / name,
@@ -194,8 +194,6 @@ def run_training(
             trackers=split_labels(track or ()),
             progress=output.progress(name or trainer.kind.name, unit=trainer.kind.unit),
         )
-        with run as fit:
-            trained = fit()
         # The training of a recipe scorer raises by itself, and its outcome has no such attribute.
         if getattr(trained, "interrupted", False):
             last = next(iter(trainer.kind.checkpoints(trained.folder).records()))

@@ -287,16 +287,15 @@ def check_done(folder: Path, run: RunRecord) -> None:
     """Raise an ArtefactError unless a run is done; it says whether to wait or to resume."""
     if run.status == "done":
         return
-    # A killed process leaves the status of a running one, but no lock.
-    is_live = is_locked(folder) if run.status == "running" else False
-    if is_live:
-        raise ArtefactError(
-            f"'{folder}' is still running ({run.kind}, since {run.started}), not done. Wait, or "
-            "stop it with Ctrl-C."
-        )
     state: str = run.status
     if state == "running":
-        state = "still running or stopped" if is_live is None else "stopped, by a kill or a crash"
+        if is_locked(folder):
+            raise ArtefactError(
+                f"'{folder}' is still running ({run.kind}, since {run.started}), not done. Wait, "
+                "or stop it with Ctrl-C."
+            )
+        # A killed process leaves the status of a running one, but no lock.
+        state = "stopped, by a kill or a crash"
     raise ArtefactError(f"'{folder}' is {state}, not done. Repeat the training command to resume.")
 
 

@@ -333,11 +333,10 @@ def new_run(
             ``force``, for what :func:`~wordcraft_kg.base.artefacts.check_output` never replaces.
         ArtefactError: if another process is training in ``out``.
     """
-    check_new_run(out, force=force)
     out = output_target(with_a_name(out))
     # Two locks: on the old folder while it is moved, then on the new one, which has the same name.
     with locked(out) if out.exists() else nullcontext(), made_folder(out.parent):
-        # Once more under the lock: another process may have finished a run meanwhile.
+        # Under the lock: another process may have finished a run meanwhile.
         check_new_run(out, force=force)
         _put_aside(out)
         try:

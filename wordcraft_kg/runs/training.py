@@ -8,7 +8,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -166,43 +165,6 @@ def train(
         KeyboardInterrupt: after Ctrl-C; the message names the checkpoint from which the same
             command goes on, if one is saved.
     """
-    run = begun_run(
-        trainer, config, out, force=force, keep=keep, trackers=trackers, progress=progress
-    )
-    with run as fit:
-        return fit()
-
-
-@contextmanager
-def begun_run(
-    trainer: type[Training[C, P, T]],
-    config: C,
-    out: str | Path | None = None,
-    *,
-    force: bool = False,
-    keep: bool | Callable[[Path], bool] = False,
-    trackers: Iterable[Tracker | str] = (),
-    progress: Progress | bool | None = None,
-) -> Iterator[Callable[[], T]]:
-    """Begin or resume a run, and yield the function that trains it to its end.
-
-    The command line calls this function itself: from a command to the loss there are few frames.
-
-    Args:
-        trainer: trainer class.
-        config: all settings.
-        out: run folder.
-        force: train anew and replace the folder.
-        keep: whether a finished run counts, see :func:`train`.
-        trackers: metric trackers, by name or as objects.
-        progress: progress callback.
-
-    Yields:
-        A function that trains, or that reads the outcome of a finished run.
-
-    Raises:
-        WordCraftKGError: as :func:`train` does.
-    """
     # What can be wrong is checked before the first file is written: the graph, the trackers, then
     # an earlier run in the folder.
     opened = open_graph(config.graph)
@@ -210,33 +172,38 @@ def begun_run(
     config = replace(config, graph=opened.source)
     folder = config.default_folder(opened.graph.name) if out is None else Path(out)
     trackers = checked_trackers(trackers)
-    record = None if force else _earlier(folder, trainer.kind)
+    kind = trainer.kind
+    record = None if force else _earlier(folder, kind)
     if record is not None:
         is_done = record.status == "done"
         if not is_done or (keep(folder) if callable(keep) else keep):
             files = RunFiles(folder, record)
             recorded = _checked_settings(files, config, opened, trainer)
             if is_done:
-                yield partial(trainer.outcome, files)
-                return
-            if trainer.kind.has_checkpoints(folder):
-                with _resumed(trainer.of(recorded, opened), folder, trackers, progress) as fit:
-                    yield fit
-                return
+                return trainer.outcome(files)
+            if kind.has_checkpoints(folder):
+                training = trainer.of(recorded, opened)
+                resumed = resumed_run(folder, training.kind)
+                with shown(progress, training.kind) as report, resumed as run:
+                    checkpoint = training.restored(run)
+                    # The trackers of the run so far go on, even if they are not named again.
+                    everywhere = checked_trackers([*run.record.trackers, *trackers])
+                    start = 0 if checkpoint is None else checkpoint.number
+                    with tracking(run, everywhere, training.config.values(), start) as log:
+                        return training.fit(run, report, log, checkpoint)
             # Killed before the first checkpoint: nothing is lost.
             force = True
     check_new_run(folder, force=force)
     training = trainer.of(config, opened)
     # Preparing may take long or fail, so an old folder is still in its place.
     training.prepare()
-    kind = trainer.kind
     with shown(progress, kind) as report, new_run(folder, kind, force=force) as run:
         begun = {"inputs": {}, **training.begin(run, report)}
         # Hashes of graph and split belong to every run; a trainer adds its own inputs.
         inputs = {"graph": opened.graph.hash, "split": opened.split.hash, **begun.pop("inputs")}
         run.begin(training.config, inputs=inputs, trackers=names_of(trackers), **begun)
         with tracking(run, trackers, training.config.values()) as log:
-            yield partial(training.fit, run, report, log, None)
+            return training.fit(run, report, log, None)
 
 
 def _earlier(folder: Path, kind: RunKind[Any]) -> RunRecord | None:
@@ -249,23 +216,6 @@ def _earlier(folder: Path, kind: RunKind[Any]) -> RunRecord | None:
                 kind.checkpoints(folder).drop()
             return record
     return None
-
-
-@contextmanager
-def _resumed(
-    training: Training[C, P, T],
-    folder: Path,
-    trackers: Iterable[Tracker | str],
-    progress: Progress | bool | None,
-) -> Iterator[Callable[[], T]]:
-    kind = training.kind
-    with shown(progress, kind) as report, resumed_run(folder, kind) as run:
-        checkpoint = training.restored(run)
-        # The trackers of the run so far go on, even if the command does not name them again.
-        everywhere = checked_trackers([*run.record.trackers, *trackers])
-        start = 0 if checkpoint is None else checkpoint.number
-        with tracking(run, everywhere, training.config.values(), start) as log:
-            yield partial(training.fit, run, report, log, checkpoint)
 
 
 def _checked_settings(

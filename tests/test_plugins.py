@@ -29,7 +29,6 @@ from wordcraft_kg import (
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.base import ConfigError, NotRegisteredError, registry, settings, sha256_of
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
-from wordcraft_kg.envs.world_config import REWARDS
 from wordcraft_kg.graphs.splits import SPLITS
 from wordcraft_kg.models.policies.policy_folder import make_policy
 from wordcraft_kg.runs.record import read_run
@@ -304,14 +303,6 @@ def test_a_study_knows_the_content_of_a_plugin(monkeypatch):
     study = Study("An own reward", {"a": {}}, seeds=1, settings=values)
     (address,) = make_plan(study, "own").runs
     assert make_plan(study, "own").tasks[address].settings["plugins"] == [sha256_of(FILES["haste"])]
-
-
-def test_a_name_that_the_corrected_file_has_no_more_is_gone(tmp_path):
-    file = tmp_path / "mine.py"
-    for name in ("fast", "faster"):
-        file.write_text(f"from wordcraft_kg.plugins import reward\nreward('{name}')(print)\n")
-        load_plugin(file)
-    assert [name in REWARDS for name in ("fast", "faster", "sparse")] == [False, True, True]
 
 
 def test_a_package_cannot_replace_what_is_built_in(monkeypatch):

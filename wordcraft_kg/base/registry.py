@@ -47,7 +47,6 @@ class Plugin:
 # Also a name in lists with commas, and of a module of torch.
 _NAME = re.compile(r"\w[\w +-]*")
 _LOADED: dict[Path, Plugin] = {}
-_REGISTRIES: list["Registry[Any]"] = []
 _LOADING: ContextVar[Plugin | None] = ContextVar("loading", default=None)
 
 
@@ -76,7 +75,6 @@ class Registry(MutableMapping[str, T]):
             own: built-in objects, whose names nothing may take.
             reserved: names of built-in objects elsewhere, which nothing may take either.
         """
-        _REGISTRIES.append(self)
         self._group = group
         self._known = dict(own or {})
         self._reserved = (*reserved, *self._known)
@@ -155,12 +153,6 @@ class Registry(MutableMapping[str, T]):
             message = refuse(setting, name, f"one of {', '.join(names)}", nearest(name, names))
             raise NotRegisteredError(f"{message} {REMEDY}")
 
-    def forget_before(self, plugin: Plugin) -> None:
-        """Delete the names that an earlier state of a file registered, and this one does not."""
-        for name, earlier in [*self._plugins.items()]:
-            if earlier.path == plugin.path and earlier != plugin:
-                del self[name]
-
     def plugins(self, *names: str) -> dict[str, str]:
         """Return the hashes of the plugin files of some objects, by file name, for a record."""
         files = [self._plugins[name] for name in names if name in self._plugins]
@@ -226,8 +218,6 @@ def load_plugin(path: str | Path) -> Plugin:
     finally:
         _LOADING.reset(token)
     _LOADED[plugin.path] = plugin
-    for registry in _REGISTRIES:
-        registry.forget_before(plugin)
     return plugin
 
 

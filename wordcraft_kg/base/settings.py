@@ -8,7 +8,7 @@ entity, are specified by a reserved name or a path.
 import difflib
 import operator
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from numbers import Real
@@ -202,35 +202,15 @@ def cores() -> int:
 
 
 def memory() -> int:
-    """Return the bytes of memory that this process may use: the machine's, or a lower limit."""
-    # The machine's memory, or less if the process is limited, such as by ulimit -v.
+    """Return the bytes of memory that this process may use: the machine's, or its container's."""
     try:
-        import resource
-
-        available = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    except (ImportError, ValueError, OSError):  # not a Unix
+        limits = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
+    except (AttributeError, ValueError, OSError):  # not a Unix
         return MOST
-    available = min([available, *_container_limits()])
-    if limit == resource.RLIM_INFINITY:
-        return available
-    # The limit counts addresses, and loaded libraries take GiB of them.
-    return min(available, max(limit - _address_space(), 0))
-
-
-def _container_limits() -> Iterator[int]:
-    """Yield the limits of the container that this process runs in, in bytes."""
     for path in _CONTAINER_LIMITS:
         with suppress(OSError, ValueError):  # no container, or "max": no limit
-            yield int(Path(path).read_text())
-
-
-def _address_space() -> int:
-    """Return the bytes of this process's address space; 0 where the system does not say."""
-    try:
-        return int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
-    except OSError:
-        return 0
+            limits.append(int(Path(path).read_text()))
+    return min(limits)
 
 
 def one_of(

@@ -8,8 +8,7 @@ for scores that are empty, not finite or misshapen; :func:`bootstrap`, :func:`in
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from statistics import NormalDist
 
 import numpy as np
@@ -384,13 +383,12 @@ def rate_interval(scores: ArrayLike, groups: Groups, splits: Groups = None) -> t
     Source: Wilson 1927, with the variance of random effects in place of the binomial one.
     """
     table = by_task("scores", scores, "(seeds, tasks)")
-    parts = _crossed(table, groups, splits)
-    rate = parts.mean
+    rate, half_width, floor = _crossed(table, groups, splits)
     spread = rate * (1 - rate)
-    width = parts.half_width(1 - _LEVEL)
+    width = half_width(1 - _LEVEL)
     # Without spread the rate is 0 or 1, and only the floor gives the interval a width.
     q = width**2 / spread if spread else 0.0
-    q += _Z**2 * parts.floor
+    q += _Z**2 * floor
     half = math.sqrt(q * spread + q**2 / 4)
     low = (rate + q / 2 - half) / (1 + q)
     high = (rate + q / 2 + half) / (1 + q)
@@ -444,17 +442,13 @@ def crossed_difference(
     from scipy.special import ndtri
 
     table = by_task("scores", scores, "(seeds, tasks)")
-    parts = _crossed(table, groups, splits)
-    value = parts.mean
+    value, width, floor = _crossed(table, groups, splits)
     smallest_p = 1e-100  # p-values below print as 0; the search needs a positive bound
-    floor = parts.floor if table.shape[1] > 1 else 0.0
+    floor = floor if table.shape[1] > 1 else 0.0
 
     def half_width(p: float) -> float:
         quantile = ndtri(p / 2)
-        return math.hypot(parts.half_width(p), floor * quantile**2)
-
-    def excess(p: float) -> float:
-        return half_width(p) - abs(value)
+        return math.hypot(width(p), floor * quantile**2)
 
     # The half-width grows as p falls. If even the widest interval leaves 0 out, nothing varies.
     if half_width(smallest_p) <= abs(value):
@@ -462,7 +456,7 @@ def crossed_difference(
     else:
         from scipy.optimize import brentq
 
-        p_value = float(brentq(excess, smallest_p, 1.0))
+        p_value = float(brentq(lambda p: half_width(p) - abs(value), smallest_p, 1.0))
     half = half_width(1 - level)
     # A difference of rates lies between -1 and 1.
     low = max(value - half, -1.0)
@@ -470,63 +464,44 @@ def crossed_difference(
     return (value, low, high), p_value
 
 
-@dataclass(frozen=True)
-class _Crossed:
-    """What varies in a table of S seeds and K tasks in G groups, of one or several splits.
+HalfWidth = Callable[[float], float]
+"""Returns the half-width of the interval of a mean at the confidence 1 - p."""
 
-    Attributes:
-        mean: mean over seeds and tasks; of several splits, the mean of their means.
-        of_seeds: standard error of the mean by seeds, without the noise of single trainings on
-            single groups.
-        of_groups: standard error of the mean by groups of tasks, with this noise.
-        of_splits: standard error of the mean by splits, with all noise; 0 for a single split.
-        seeds: S.
-        groups: number of groups of equal size that say as much, at most G: ``K² / sum_g n_g²``.
-        splits: number of splits.
-        floor: 1 / G if all groups have the same mean, which does not say that all groups are alike;
-            else 0.
+
+def _crossed(
+    table: Scores, groups: Groups, splits: Groups = None
+) -> tuple[float, HalfWidth, float]:
+    """Return what varies in a table of rates by seeds, groups of tasks and splits.
+
+    Args:
+        table: shape (S seeds, K tasks).
+        groups: number of each task's group, shape (K,); None if each task is a group of its own.
+        splits: number of each task's split, shape (K,); None if all are of one split.
+
+    Returns:
+        the mean over seeds and tasks, of several splits the mean of their means; its half-width;
+        and 1 / G if all G groups have the same mean, which does not say that all groups are alike,
+        else 0.
     """
-
-    mean: float
-    of_seeds: float
-    of_groups: float
-    of_splits: float
-    seeds: int
-    groups: float
-    splits: int
-    floor: float
-
-    def half_width(self, p: float) -> float:
-        """Return the half-width of the interval of the mean at the confidence 1 - p."""
-        from scipy.special import stdtrit
-
-        # Quantiles below one half are negative; hypot squares the sign away. A single seed or
-        # group has no variance, so its degrees of freedom do not count.
-        free_seeds = max(self.seeds - 1, 1)
-        free_groups = max(self.groups - 1, 1)
-        by_groups = self.of_groups * stdtrit(free_groups, p / 2)
-        if self.splits > 1:
-            by_splits = self.of_splits * stdtrit(self.splits - 1, p / 2)
-            return -float(min(by_splits, _LEAST_OF_TASKS * by_groups))
-        return math.hypot(self.of_seeds * stdtrit(free_seeds, p / 2), by_groups)
-
-
-def _crossed(table: Scores, groups: Groups, splits: Groups = None) -> _Crossed:
-    """Return the mean of a table and its standard errors by seeds, groups of tasks and splits."""
     seeds, tasks = table.shape
     mean = table.mean()
     by_seed = table.mean(axis=1)
     by_column = table.mean(axis=0)
     by_split = mean[None]
-    split_error = 0.0
     if splits is not None:
         sums, sizes = _group_sums(by_column, splits)
         by_split = sums / sizes
-        groups = _within_splits(groups, splits)
-    if len(by_split) > 1:
-        split_error = float(by_split.std(ddof=1)) / math.sqrt(len(by_split))
+    if splits is not None and groups is not None:
+        names = np.asarray(groups)
+        if names.shape != (tasks,):
+            raise ConfigError(f"groups of shape {names.shape}: expected ({tasks},), as splits.")
+        # Groups of different splits are different groups.
+        pairs = np.column_stack([splits, names])
+        groups = np.unique(pairs, axis=0, return_inverse=True)[1]
     deviations, sizes = _group_sums(by_column - mean, groups)
     number = len(sizes)
+    # Standard errors of the mean: by groups of tasks with the noise of single trainings on single
+    # groups, by seeds without it.
     group_error = 0.0
     seed_error = 0.0
     if number > 1:
@@ -547,29 +522,25 @@ def _crossed(table: Scores, groups: Groups, splits: Groups = None) -> _Crossed:
             seed_error -= widened * squares / (seeds - 1) / seeds
         # An estimate of a variance as a difference may be negative by chance.
         seed_error = math.sqrt(max(seed_error, 0.0))
+    # Groups of equal size that say as much as these groups.
+    num_equal = tasks**2 / float((sizes**2).sum())
+    num_splits = len(by_split)
+
+    def half_width(p: float) -> float:
+        from scipy.special import stdtrit
+
+        # Quantiles below one half are negative; hypot squares the sign away. A single seed or
+        # group has no variance, so its degrees of freedom do not count.
+        by_groups = group_error * stdtrit(max(num_equal - 1, 1), p / 2)
+        if num_splits > 1:
+            # With all noise, of trainings and of tasks.
+            split_error = float(by_split.std(ddof=1)) / math.sqrt(num_splits)
+            by_splits = split_error * stdtrit(num_splits - 1, p / 2)
+            return -float(min(by_splits, _LEAST_OF_TASKS * by_groups))
+        return math.hypot(seed_error * stdtrit(max(seeds - 1, 1), p / 2), by_groups)
+
     is_alike = np.abs(deviations / sizes).max() < 1e-9  # up to rounding
-    return _Crossed(
-        mean=float(by_split.mean()),
-        of_seeds=seed_error,
-        of_groups=group_error,
-        of_splits=split_error,
-        seeds=seeds,
-        groups=tasks**2 / float((sizes**2).sum()),
-        splits=len(by_split),
-        floor=1 / number if is_alike else 0.0,
-    )
-
-
-def _within_splits(groups: Groups, splits: NDArray[np.integer] | Sequence[int]) -> Groups:
-    """Return numbers of groups that each lie within one split."""
-    if groups is None:
-        return None
-    names = np.asarray(groups)
-    if names.shape != np.shape(splits):
-        raise ConfigError(f"groups of shape {names.shape}: expected {np.shape(splits)}, as splits.")
-    pairs = np.column_stack([splits, names])
-    _, numbers = np.unique(pairs, axis=0, return_inverse=True)
-    return numbers
+    return float(by_split.mean()), half_width, 1 / number if is_alike else 0.0
 
 
 # --- several seeds --------------------------------------------------------------------------------

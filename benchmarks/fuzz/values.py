@@ -34,7 +34,7 @@ GIVEN = {
         "model": "distmult",
         "player": "cat",
     },
-    **{"head": "flour", "relation": "combinesWith", "tail": "?", "resamples": "5", "steps": "64"},
+    **{"query": "flour + water", "steps": "64"},
     **{"elicit model": "in/model", "encoder": "in/model"},
     **{
         "track": "craft-8-lite",

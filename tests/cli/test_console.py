@@ -27,11 +27,19 @@ HELPED = ["train-complex", "train-links", "train-agent", "score"]
 @pytest.mark.parametrize(
     ("arguments", "error", "usage"),
     [
-        ("evaluate-links", "MODEL is missing", "evaluate-links MODEL"),
-        ("score", "MODEL is missing", "score MODEL [HEAD] [RELATION] [TAIL] [REST...]"),
-        ("export kitchen", "--format is missing", "export GRAPH --format FORMAT --out OUT"),
-        ("build-graph kitchen --train-ratio", "--train-ratio needs a value", "build-graph [BOOK]"),
-        ("train-complex", "GRAPH is missing", "train-complex GRAPH"),
+        ("evaluate-links", "a value for MODEL is missing", "evaluate-links MODEL"),
+        ("score", "a value for MODEL is missing", "score MODEL QUERY..."),
+        (
+            "export kitchen",
+            "a value for --format is missing",
+            "export GRAPH --format FORMAT --out OUT",
+        ),
+        (
+            "build-graph kitchen --train-ratio",
+            "a value for --train-ratio is missing",
+            "build-graph [BOOK]",
+        ),
+        ("train-complex", "a value for GRAPH is missing", "train-complex GRAPH"),
         ("compare --no-such", "Unknown option: --no-such", "compare RUNS..."),
         (
             "train-complex kitchen --epoch 3",
@@ -102,13 +110,6 @@ def test_settings_in_errors_are_named_as_the_command_takes_them():
     )
 
 
-def test_help_is_a_command_too(run):
-    assert run("help").out == run("--help").out
-    assert run("help", "describe").out == run("describe", "--help").out
-    assert run("-V").out == run("--version").out
-    assert run("help", "nonsense").code == 2
-
-
 def test_the_start_page_lists_every_command_and_help_imports_no_torch():
     code = """
 import sys
@@ -153,10 +154,7 @@ def test_every_help_has_usage_examples_and_at_most_thirty_options(run):
     assert forced >= {"build-graph", "train-agent", "compare", "score", "export"}
 
 
-def test_options_of_the_file_are_refused_on_the_command_line(run, refused):
-    refused(
-        "train-agent", "kitchen", "--momentum", "0.5", says="`momentum = ...` below [train-agent]"
-    )
+def test_options_that_no_guide_needs_are_named_for_the_file_alone(run):
     text = " ".join(run("train-agent", "--help").out.split())
     assert "Further settings, by --config FILE in a table [train-agent]: ambiguity," in text
     assert " momentum, " in text
@@ -253,7 +251,6 @@ def test_a_command_of_two_words_runs_and_the_first_alone_lists_all(run):
     assert re.findall(r"(serve|summary)  +", listed.out) == ["serve", "summary"]
     examples = [example for name, example in EXAMPLES if name.startswith("people ")]
     assert all(example in listed.out for example in examples)
-    assert run("help", "people", "serve").out == run("people", "serve", "--help").out
 
 
 @pytest.mark.parametrize(
@@ -542,8 +539,8 @@ REFUSED = [
     ("reproduce knowledge --book kitchen,./kitchen", "two books are called 'kitchen'"),
     ("reproduce no-such-study.toml", "no such file"),
     ("reproduce --show --out nothing", "is not a results folder"),
-    ("reproduce --show nothing.json", "no such file"),
-    ("reproduce --show study.toml", "expected results"),
+    ("reproduce --show nothing.json", "no file of results"),
+    ("reproduce --show study.toml", "no file of results"),
     ("describe \udcff", "\\udcff' is not UTF-8. Rename the file or folder"),
     (
         "export kitchen --format=tsv --out=\udcff",
@@ -685,8 +682,8 @@ for words in json.loads(sys.argv[1]):
     assert "\u03bb.csv" in json.loads(error)["error"]["message"]
     is_unicode = encoding.startswith("utf")
     out = "\n".join(text)
-    assert ("\u03bb" if is_unicode else "<U+03BB>") in out
-    assert ("\U0001f525" if is_unicode else "<U+1F525>") in out
+    assert ("\u03bb" if is_unicode else r"\u03bb") in out
+    assert ("\U0001f525" if is_unicode else r"\U0001f525") in out
 
 
 def test_lists_of_labels_quote_those_with_commas():

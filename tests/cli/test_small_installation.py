@@ -198,7 +198,7 @@ def test_a_sound_installation_passes_and_a_missing_extra_is_a_note(doctor, unins
     uninstalled("mcp")
     code, checks = doctor()
     assert (code, checks["packages"][0], checks["torch"][0]) == (0, "ok", "ok")
-    assert checks["extra explore"] == ("ok", "installed", "")
+    assert checks["extra explore"] == ("ok", "installed in supported versions", "")
     assert checks["extra mcp"] == ("note", "mcp is not installed", "pip install 'mcp<3,>=2.3'")
 
 

@@ -164,13 +164,9 @@ def for_json(dumped: str) -> str:
     return _JSON.sub(lambda match: f"\\u{ord(match[0]):04x}", dumped)
 
 
-def code_point(char: str) -> str:
-    """Return the code that stands for a character, such as ``<U+001B>``."""
-    return f"<U+{ord(char):04X}>"
-
-
 def _code(match: re.Match[str]) -> str:
-    return code_point(match[0])
+    """Return the code that stands for a character, such as ``<U+001B>``."""
+    return f"<U+{ord(match[0]):04X}>"
 
 
 def _references(found: re.Match[str] | str) -> str:

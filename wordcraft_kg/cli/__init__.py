@@ -13,8 +13,9 @@ module; list the command in :data:`CORE`. Apps add commands by entry points in t
 commands share the first word, such as ``people``, one module has ``SUBJECT``, the help text for
 this word. Import heavy packages inside the function: help stays fast.
 
-``FILE_ONLY`` of a module names options that only the configuration file may set, because no guide
-needs them. In a module with several commands, both are dictionaries by command.
+``FILE_ONLY`` of a module names options that the help lists as settings of the configuration file
+alone, because no guide needs them. In a module with several commands, both are dictionaries by
+command.
 
 Change freely: help texts, examples, what is shown as text. Names of options and commands, the
 fields of JSON output and exit codes are used by scripts: keep them, or say in the changelog what
@@ -29,10 +30,10 @@ import textwrap
 import tomllib
 from collections.abc import Sequence
 from functools import cache
-from importlib import import_module
 from importlib.metadata import entry_points
 from itertools import chain
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, get_args
 
 from cyclopts import App, ArgumentCollection, CoercionError, Group
@@ -77,7 +78,6 @@ _MODULES = dict(chain.from_iterable(group.items() for group in CORE.values()))
 """Module of each core command."""
 ALL = [*_MODULES, *sorted(APPS)]
 """All command names."""
-PROGRAM = "wordcraft-kg"
 
 ABOUT = """Build recipe graphs of crafting worlds, predict links, train agents, and report the
 results. Start here:
@@ -91,11 +91,14 @@ results. Start here:
 
 train-complex trains the paper's model instead; compare tests the differences between runs or
 between models."""
-CONFIGURED = """Options can also be set in a TOML file, --config FILE, in a table named after the
-command.
-
---plugin FILE.py, before or after any command, adds own policies, sources, rewards, splits and
-players (docs/own-ideas.md). The file runs as a program: name only files that you have read."""
+# A line for each paragraph: the terminal wraps them.
+CONFIGURED = (
+    "Options can also be set in a TOML file, --config FILE, in a table named after the command."
+    "\n\n"
+    "--plugin FILE.py, before or after any command, adds own policies, sources, rewards, splits "
+    "and players (docs/own-ideas.md). The file runs as a program: name only files that you have "
+    "read."
+)
 
 
 @cache
@@ -105,7 +108,7 @@ def make_app() -> App:
     A program that runs several command lines builds it once.
     """
     app = App(
-        name=PROGRAM,
+        name="wordcraft-kg",
         help=ABOUT,
         help_epilogue=CONFIGURED,
         version=__version__,
@@ -190,17 +193,12 @@ def _continued(command: str) -> str:
 
 
 def _file_options(name: str, file_only: Sequence[str]) -> str:
-    """Return the help's last paragraph: the options that a configuration file alone can set."""
+    """Return the help's last paragraph: the options that stand in configuration files alone."""
     if not file_only:
         return ""
-    settings = ", ".join(map(_setting, file_only))
+    settings = ", ".join(option.removeprefix("--").replace("-", "_") for option in file_only)
     table = f"[{name.replace(' ', '.')}]"
     return f"\n\nFurther settings, by --config FILE in a table {table}: {settings}."
-
-
-def _setting(option: str) -> str:
-    """Return the name of an option in a configuration file."""
-    return option.removeprefix("--").replace("-", "_")
 
 
 def commands_by_group() -> dict[str, list[str]]:
@@ -217,9 +215,15 @@ def manual_of(name: str) -> Manual:
     if name in APPS:
         function = APPS[name].load()
     else:
-        module = import_module(f"{__name__}.{_MODULES[name]}")
-        function = getattr(module, name.replace("-", "_"))
-    return Manual(PROGRAM, name, function)
+        function = resolve_name(f"{__name__}.{_MODULES[name]}:{name.replace('-', '_')}")
+    module = sys.modules[function.__module__]
+
+    def stated(constant: str) -> Any:
+        """Return a constant of the module; of a dictionary by command, the value for this one."""
+        values = getattr(module, constant, ())
+        return values.get(name, ()) if isinstance(values, dict) else values
+
+    return Manual(name, function, *map(stated, ("EXAMPLES", "FILE_ONLY", "GROUP", "SUBJECT")))
 
 
 _NARROWEST = 20
@@ -230,7 +234,7 @@ class _FlowingHelp(DefaultFormatter):
     """Help formatter that joins the lines of docstrings; blank lines and command lines stay.
 
     Args:
-        hidden: names of options that only the configuration file may set, such as ``--momentum``.
+        hidden: names of options that are not shown, such as ``--momentum``.
     """
 
     def __init__(self, hidden: Sequence[str] = ()) -> None:
@@ -254,19 +258,8 @@ class _FlowingHelp(DefaultFormatter):
                 by_place = bool(entry.positional_label)
                 entries.append(entry.copy(positive_names=()) if by_place else entry)
         if entries:
-            _widen(console)
+            console.width = max(console.width, _NARROWEST)
             super().__call__(console, options, panel.copy(entries=entries))
-
-    def render_usage(self, console: Any, options: Any, usage: Any) -> None:
-        """Print the usage line, the first of all.
-
-        Args:
-            console: Rich's console.
-            options: options of the console.
-            usage: the line.
-        """
-        _widen(console)
-        super().render_usage(console, options, usage)
 
     def render_description(self, console: Any, options: Any, description: Any) -> None:
         """Print a command's description.
@@ -278,11 +271,6 @@ class _FlowingHelp(DefaultFormatter):
         """
         _flow(description)
         super().render_description(console, options, description)
-
-
-def _widen(console: Any) -> None:
-    if console.width < _NARROWEST:
-        console.width = _NARROWEST
 
 
 def _flow(shown: Any) -> None:
@@ -330,8 +318,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
     # The arrow in a recipe would be taken for an option.
     tokens = ["→" if token == "->" else token for token in words]
-    if tokens[:1] == ["help"]:
-        tokens = [*tokens[1:3], "--help"]
     tokens, plugins = without_plugins(tokens)
     name = command_in(tokens)
     manual = manual_of(name) if name else None
@@ -344,7 +330,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             load_plugin(plugin)
         command, bound, _ = make_app().parse_args(tokens, print_error=False, exit_on_error=False)
         output = bound.arguments.get("output", output)
-        _check_working_folder()
         with output.session():
             return int(command(*bound.args, **bound.kwargs) or 0)
     except SystemExit as stop:
@@ -385,20 +370,6 @@ def _close_stdout() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _check_working_folder() -> None:
-    """Raise ConfigError if the working folder was deleted.
-
-    Libraries then end the process, or fail without a reason.
-    """
-    try:
-        os.getcwd()
-    except FileNotFoundError:
-        raise ConfigError(
-            "the working folder does not exist any more; another process has deleted or replaced "
-            "it. Change to an existing folder with cd."
-        ) from None
-
-
 def _check_text(value: Any, where: str) -> None:
     """Refuse text that no file name or record may hold: not UTF-8, or with a NUL character."""
     if isinstance(value, dict):
@@ -418,7 +389,7 @@ def _check_text(value: Any, where: str) -> None:
 
 
 def _configure(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
-    """Take options from the file that ``--config`` names, and refuse misplaced values.
+    """Take options from the file that ``--config`` names, and refuse fractions as whole numbers.
 
     Args:
         app: the application of the command.
@@ -426,34 +397,16 @@ def _configure(app: App, commands: tuple[str, ...], arguments: ArgumentCollectio
         arguments: the options of the command line; those of the file are added.
 
     Raises:
-        ConfigError: if the file cannot be read or has no table of the command, or the command line
-            sets an option of the file.
+        ConfigError: if the file cannot be read or has no table of the command.
         CoercionError: for a fraction as a whole number.
     """
     command = " ".join(commands)
-    if command in ALL:
-        _refuse_file_only(command, arguments)
     for argument in arguments.filter_by(has_tokens=True):
         if argument.name == "--config":
             path = argument.tokens[0].value
             Dict(_read_toml(path, command), source=path)(app, commands, arguments)
     # After the file's options have been added, for these too.
     _refuse_fractions(arguments)
-
-
-def _refuse_file_only(command: str, arguments: ArgumentCollection) -> None:
-    """Refuse options that only the configuration file may set.
-
-    Such options belong to an earlier study or to the paper's released code; on the command line
-    they would hide the options that users need.
-    """
-    file_only = manual_of(command).file_only
-    for argument in arguments:
-        if argument.tokens and argument.name in file_only:
-            raise ConfigError(
-                f"{argument.name} can only be set in a file: write `{_setting(argument.name)} = "
-                f"...` below [{command.replace(' ', '.')}] and pass it with --config FILE."
-            )
 
 
 def _refuse_fractions(arguments: ArgumentCollection) -> None:
@@ -470,7 +423,7 @@ def _refuse_fractions(arguments: ArgumentCollection) -> None:
 def _read_toml(path: str, command: str) -> dict[str, Any]:
     """Return the tables of a configuration file, with the command's paths from this folder."""
     try:
-        if "\0" in path or not Path(path).is_file():
+        if not Path(path).is_file():
             raise ConfigError(f"--config {path}: no such file.")
         content = tomllib.loads(read_small_file(Path(path)).decode())
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:

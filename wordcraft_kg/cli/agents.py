@@ -17,6 +17,7 @@ from wordcraft_kg.cli.console import (
     lines_of,
     refuse_given,
     split_labels,
+    text_table,
     whole_numbers,
     write_table,
 )
@@ -415,17 +416,6 @@ def _cell(known: KnownEntities) -> str:
     return f"{known.mean:.1f} [{known.low:.1f}, {known.high:.1f}]"
 
 
-def _rows(view: DiscoveryView) -> list[tuple[str, ...]]:
-    """Return the table: a row for each player, and one for people."""
-    marks = [str(mark) for mark in view.marks]
-    rows: list[tuple[str, ...]] = [("entities known after", *marks)]
-    rows += [(name, *map(_cell, known.values())) for name, known in view.players.items()]
-    means = [f"{view.people[mark]:g}" if mark in view.people else "" for mark in marks]
-    # People played with other entities, so their row is a rough guide and says so.
-    rows.append(("people, another game", *means))
-    return rows
-
-
 def _text_of_discovery(view: DiscoveryView) -> Iterator[str]:
     reachable = f"{view.reachable:,} of {view.entities:,} entities reachable"
     yield f"{view.graph}: {reachable} from {', '.join(map(quoted, view.base))}"
@@ -434,7 +424,13 @@ def _text_of_discovery(view: DiscoveryView) -> Iterator[str]:
     if view.attempts > view.reachable * (view.reachable + 1) // 2:
         yield f"note: more attempts than pairs; a run ends when all {view.reachable:,} are known"
     yield ""
-    yield from aligned(_rows(view))
+    title = "entities known after"
+    rows = []
+    for name, figures in view.players.items():
+        rows.append({title: name, **{mark: _cell(known) for mark, known in figures.items()}})
+    # People played with other entities, so their row is a rough guide and says so.
+    people = {mark: f"{view.people[mark]:g}" for mark in figures if mark in view.people}
+    yield from text_table([*rows, {title: "people, another game", **people}])
     yield ""
     yield f"people: {view.people_source}"
     if view.knows_recipes:

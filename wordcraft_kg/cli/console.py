@@ -1,6 +1,5 @@
 """Options common to all commands, results as text or JSON, and small parsers."""
 
-import codecs
 import io
 import logging
 import re
@@ -9,7 +8,7 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
-from itertools import zip_longest
+from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,7 +29,7 @@ from wordcraft_kg.base import (
     write_atomically,
 )
 from wordcraft_kg.base.errors import StdoutError
-from wordcraft_kg.base.wording import code_point, for_json
+from wordcraft_kg.base.wording import for_json
 from wordcraft_kg.runs.progress import ProgressBar, Stages
 from wordcraft_kg.runs.run_folder import Progress
 
@@ -125,25 +124,13 @@ def json_line(value: Any) -> str:
 
 
 def accept_all_characters() -> None:
-    """Let stdout print every text, with codes such as ``<U+03BB>`` for what its encoding lacks.
+    r"""Let stdout print every text, with codes such as ``\u03bb`` for what its encoding lacks.
 
     The encoding is not UTF-8 on Windows, if stdout is a file, or where PYTHONIOENCODING says so.
     """
-    codecs.register_error(_CODES, _as_codes)
     # Without the method, stdout is not a file: a caller has replaced it by an object of its own.
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors=_CODES)
-
-
-_CODES = "wordcraft-kg.codes"
-"""Name of the error handler for Python's codecs."""
-
-
-def _as_codes(error: UnicodeError) -> tuple[str, int]:
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    missing = error.object[error.start : error.end]
-    return "".join(map(code_point, missing)), error.end
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 class _Stderr(logging.Handler):
@@ -279,6 +266,24 @@ def write_table(
     return [f"wrote {out}"]
 
 
+def text_table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return results as lines of text, in the columns that :func:`write_table` writes.
+
+    Args:
+        rows: values by column; None is an empty cell.
+    """
+    filled = [{name: value for name, value in row.items() if value is not None} for row in rows]
+    names = list(dict.fromkeys(chain.from_iterable(filled)))
+    cells = [[_in_text(row.get(name, "")) for name in names] for row in filled]
+    return aligned([names, *cells])
+
+
+def _in_text(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.3f}"
+    return f"{value:,}" if isinstance(value, int) else str(_interval(value))
+
+
 def _interval(value: Any) -> Any:
     """Return an interval as text, and any other value as it is."""
     return "[{:.3f}, {:.3f}]".format(*value) if isinstance(value, tuple | list) else value
@@ -294,8 +299,7 @@ def _in_markdown(value: Any) -> str:
     """Return a cell as text without markup: names of folders come from anyone."""
     if value != value:  # NaN, for no value
         return ""
-    text = f"{value:.3f}" if isinstance(value, float) else str(value)
-    return text.replace("<", "&lt;").replace("|", "\\|")
+    return _in_text(value).replace("<", "&lt;").replace("|", "\\|")
 
 
 def command_line(*words: str | Path) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from importlib.metadata import metadata
 from typing import Literal, NamedTuple
 
-from wordcraft_kg.base.extras import CPU_TORCH, NOT_INSTALLED, pip_install, requirements, unmet
+from wordcraft_kg.base.extras import CPU_TORCH, NOT_INSTALLED, pip_install, unmet
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned
 
@@ -40,8 +40,7 @@ def doctor(*, output: Output = Output()) -> int:
     The exit code is 1 if a required part is missing or broken. Missing extras are notes, with the
     command that installs the extra. Nothing is sent or written.
     """
-    # Checks do not raise: one broken part must not hide the state of the others.
-    findings = [*_packages(), *_torch(), *_extras()]
+    findings = list(_findings())
     passed = all(finding.state != "error" for finding in findings)
     rows = [(finding.state, finding.check, finding.text) for finding in findings]
     values = {"passed": passed, "findings": [finding._asdict() for finding in findings]}
@@ -49,58 +48,46 @@ def doctor(*, output: Output = Output()) -> int:
     return 0 if passed else 1
 
 
-def _packages() -> Iterator[CheckResult]:
+def _findings() -> Iterator[CheckResult]:
+    """Yield the results of all checks, which do not raise: one must not hide the others."""
     cores = counted(os.cpu_count() or 1, "core")
     system = f"{platform.python_version()} on {platform.platform()}, {cores}"
     yield CheckResult("Python", "ok", system)
     problems = unmet()
-    if not problems:
-        yield CheckResult(
-            "packages", "ok", f"all {len(requirements())} required packages in supported versions"
-        )
-        return
     # Without torch and what needs it, graphs and environments still work: an installation that
     # somebody may have chosen. A wrong version is always an error.
     is_light = {"torch", "pykeen"} <= problems.keys() and set(problems.values()) == {NOT_INSTALLED}
-    result = _listed(problems)
-    if is_light:
-        result = f"for graphs and environments only; {result}"
-    yield CheckResult("packages", "note" if is_light else "error", result, pip_install(*problems))
+    yield _of_packages("packages", problems, "note" if is_light else "error", *problems)
+    if problems.get("torch") != NOT_INSTALLED:
+        yield _torch()
+    provided = set(metadata("wordcraft-kg").get_all("Provides-Extra") or ())
+    # Those left out are for people who work on the package itself.
+    for extra in sorted(provided - {"dev", "docs"}):
+        yield _of_packages(f"extra {extra}", unmet(extra), "note", extra=extra)
 
 
-def _listed(problems: dict[str, str]) -> str:
-    return ", ".join(f"{name} {problem}" for name, problem in problems.items())
+def _of_packages(
+    check: str,
+    problems: dict[str, str],
+    state: Literal["note", "error"],
+    *names: str,
+    extra: str = "",
+) -> CheckResult:
+    """Return the result for packages, with the command that installs ``names`` or the extra."""
+    if not problems:
+        return CheckResult(check, "ok", "installed in supported versions")
+    result = ", ".join(f"{name} {problem}" for name, problem in problems.items())
+    return CheckResult(check, state, result, pip_install(*names, extra=extra))
 
 
-def _torch() -> Iterator[CheckResult]:
-    if unmet().get("torch") == NOT_INSTALLED:
-        # The check of packages has said so.
-        return
+def _torch() -> CheckResult:
     # Importing is the test: a broken installation has the right version, too.
     try:
         import torch
     except (ImportError, OSError) as error:
-        yield CheckResult(
-            "torch", "error", f"cannot be imported ({error})", CPU_TORCH + " --force-reinstall"
-        )
-        return
-    cuda = torch.version.cuda
-    has_gpu = torch.cuda.is_available()
-    cuda_build = f"CUDA {cuda} build, {'with' if has_gpu else 'no'} GPU"
+        remedy = f"{CPU_TORCH} --force-reinstall"
+        return CheckResult("torch", "error", f"cannot be imported ({error})", remedy)
+    gpu = "with" if torch.cuda.is_available() else "no"
+    build = f"CUDA {torch.version.cuda} build, {gpu} GPU" if torch.version.cuda else "CPU build"
     threads = counted(torch.get_num_threads(), "thread")
-    result = f"{torch.__version__}, {cuda_build if cuda else 'CPU build'}, {threads}"
-    if cuda and not has_gpu:
-        remedy = f"the CPU build is smaller; first in a new environment, {CPU_TORCH}"
-        yield CheckResult("torch", "note", result, remedy)
-    else:
-        yield CheckResult("torch", "ok", result)
-
-
-def _extras() -> Iterator[CheckResult]:
-    provided = set(metadata("wordcraft-kg").get_all("Provides-Extra") or ())
-    # Those left out are for people who work on the package itself.
-    for extra in sorted(provided - {"dev", "docs"}):
-        if problems := unmet(extra):
-            yield CheckResult(f"extra {extra}", "note", _listed(problems), pip_install(extra=extra))
-        else:
-            yield CheckResult(f"extra {extra}", "ok", "installed")
+    return CheckResult("torch", "ok", f"{torch.__version__}, {build}, {threads}")

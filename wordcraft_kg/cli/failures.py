@@ -4,14 +4,11 @@ A user's mistake has one style, whoever found it: the parser, a setting's check 
 A defect of the package keeps its traceback.
 """
 
-import os
 import re
-import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from inspect import signature
-from pathlib import Path
 from typing import Any
 
 from cyclopts import (
@@ -46,40 +43,20 @@ class Manual:
     """The usage of a command, shown in its help and after a mistake in the command line.
 
     Attributes:
-        program: name of the program.
         name: name of the command, such as ``describe`` or ``people serve``.
-        function: the function that runs the command; its signature gives the usage, and its module
-            the examples.
+        function: the function that runs the command; its signature gives the usage.
+        examples: complete command lines, to show in the help.
+        file_only: names of the options that the help does not show, such as ``--momentum``.
+        group: group of an app's command in the help; empty for the package's own.
+        subject: help text for the first of a command's two words, or empty.
     """
 
-    program: str
     name: str
     function: Callable[..., Any]
-
-    def _stated(self, constant: str) -> Any:
-        """Return a constant of the module; of a dictionary by command, the value for this one."""
-        values = getattr(sys.modules[self.function.__module__], constant, ())
-        return values.get(self.name, ()) if isinstance(values, dict) else values
-
-    @property
-    def examples(self) -> list[str]:
-        """Complete command lines, to show in the help."""
-        return list(self._stated("EXAMPLES"))
-
-    @property
-    def file_only(self) -> list[str]:
-        """Names of the options that only the configuration file may set, such as ``--momentum``."""
-        return list(self._stated("FILE_ONLY"))
-
-    @property
-    def group(self) -> str:
-        """Group of an app's command in the help."""
-        return str(self._stated("GROUP"))
-
-    @property
-    def subject(self) -> str:
-        """Help text for the first of a command's two words, or empty."""
-        return str(self._stated("SUBJECT") or "")
+    examples: Sequence[str]
+    file_only: Sequence[str]
+    group: str
+    subject: str
 
     @property
     def places(self) -> dict[str, str]:
@@ -104,7 +81,7 @@ class Manual:
             for parameter in signature(self.function).parameters.values()
             if parameter.kind is parameter.KEYWORD_ONLY and parameter.default is parameter.empty
         ]
-        return " ".join([self.program, self.name, *self.places.values(), *options, "[OPTIONS]"])
+        return " ".join(["wordcraft-kg", self.name, *self.places.values(), *options, "[OPTIONS]"])
 
 
 @dataclass(frozen=True)
@@ -168,14 +145,6 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
         # Of an optional package the remedy is known; another missing module is a defect.
         missing = missing_package("this command", error)
         return None if missing is error else Failure(kind, str(missing))
-    if isinstance(error, OSError) and _is_raised_in(error, "pystow"):
-        # PyKEEN's library of folders makes it when PyKEEN is imported.
-        folder = os.environ.get("PYSTOW_HOME") or Path.home() / ".data"
-        return Failure(
-            kind,
-            f"PyKEEN cannot make its folder, {folder} ({error.strerror or error}). Set PYSTOW_HOME "
-            "to a folder with write permission. Nothing was changed.",
-        )
     if isinstance(error, OSError):
         # Outputs are written at once or not at all, so nothing is half changed.
         file_name = f"'{error.filename}': " if error.filename else ""
@@ -204,12 +173,6 @@ def _for_author(error: BaseException) -> BaseException:
     return error
 
 
-def _is_raised_in(error: BaseException, package: str) -> bool:
-    """Return whether a function of ``package`` is on the way from the command to the error."""
-    frames = (frame for frame, _ in traceback.walk_tb(error.__traceback__))
-    return any(frame.f_globals.get("__name__", "").partition(".")[0] == package for frame in frames)
-
-
 def _hints(error: CycloptsError, manual: Manual | None) -> tuple[str, ...]:
     # Without a command there is no usage to show.
     if manual is None or isinstance(error, UnknownCommandError):
@@ -223,14 +186,9 @@ def _message(error: CycloptsError, manual: Manual | None) -> str:
         return f"unexpected argument '{error.unused_tokens[0]}'."
     # Not its subclasses, whose own messages are plain.
     if type(error) is MissingArgumentError and error.argument is not None:
-        keywords = [token.keyword for token in error.argument.tokens if token.keyword]
-        option = error.keyword or next(iter(keywords), None)
-        if option:
-            return f"{option} needs a value."
         name = error.argument.field_info.name
-        if manual and name in manual.places:
-            return f"{name.upper()} is missing."
-        return f"{error.argument.name} is missing."
+        is_place = manual is not None and name in manual.places
+        return f"a value for {name.upper() if is_place else error.argument.name} is missing."
     if isinstance(error, UnknownOptionError) and "-" in (error.token.keyword, error.token.value):
         # A shell reads `score MODEL a + b -> c` as the words `a + b -`, and writes the output to a
         # file `c`.
@@ -249,17 +207,12 @@ def with_options(message: str, manual: Manual | None = None) -> str:
 
     Args:
         message: text of an error.
-        manual: usage of the command. Its positional arguments become upper case, as in GRAPH, and
-            settings that only a configuration file takes stay as they are.
+        manual: usage of the command, whose positional arguments become upper case, as in GRAPH.
     """
     places = manual.places if manual else ()
-    file_only = manual.file_only if manual else ()
 
     def named(match: re.Match[str]) -> str:
         name = OPTIONS.get(match[1], match[1])
-        option = f"--{name.replace('_', '-')}"
-        if option in file_only:
-            return match[0]
-        return name.upper() if name in places else option
+        return name.upper() if name in places else f"--{name.replace('_', '-')}"
 
     return NAMED_SETTING.sub(named, message)

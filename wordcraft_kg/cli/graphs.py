@@ -2,7 +2,7 @@
 
 import logging
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -18,7 +18,6 @@ from wordcraft_kg.base import (
     counted,
     listed,
     quoted,
-    read_small_file,
     whole,
     with_a_name,
 )
@@ -30,6 +29,7 @@ from wordcraft_kg.cli.console import (
     lines_of,
     refuse_given,
     split_labels,
+    text_table,
 )
 from wordcraft_kg.cli.failures import with_options
 from wordcraft_kg.cli.options import Base, Book, FetchableBook, FileOptions, Force, Graph
@@ -47,10 +47,8 @@ from wordcraft_kg.graphs import (
     SPLITS,
     RecipeGraph,
     SplitConfig,
-    SplitSummary,
     TaskPart,
     audit,
-    check_label,
     make_split,
     open_book,
     open_graph,
@@ -127,25 +125,24 @@ def books(*, fetch: FetchableBook = None, output: Output = Output()) -> None:
 
 
 def _text_of_books(view: BookList) -> Iterator[str]:
-    rows: list[tuple[str, ...]] = [("book", "origin", "entities", "recipes", "")]
+    rows = []
     for book in view.books:
         # A built-in book is in the package, wherever that is.
         place = ""
         if book.origin != "built in":
             place = book.path or f"get it: wordcraft-kg books --fetch {book.name}"
-        note = f"  ({book.note})" if book.note else ""
-        # Right-aligned; a book that is not here has no sizes.
-        entities = f"{_size(book.entities):>8}"
-        recipes = f"{_size(book.recipes):>8}"
-        rows.append((book.name, book.origin, entities, recipes, f"{place}{note}".lstrip()))
-    yield from aligned(rows)
+        row = {
+            "book": book.name,
+            "origin": book.origin,
+            "entities": book.entities,
+            "recipes": book.recipes,
+            "": f"{place}  ({book.note})".lstrip() if book.note else place,
+        }
+        rows.append(row)
+    yield from text_table(rows)
     yield "with invented words: made-up:BOOK, such as made-up:everyday; made-up-3:BOOK with seed 3"
     folder = view.data_folder or "not set"
     yield f"your own: any path, or files in the folder that {DATA_VARIABLE} names ({folder})"
-
-
-def _size(number: int | None) -> str:
-    return "" if number is None else f"{number:,}"
 
 
 def check_book(
@@ -236,7 +233,6 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
     book: Book = "everyday",
     *,
     base: Base = None,
-    base_file: Path | None = None,
     split: Annotated[
         str | None,
         Parameter(
@@ -249,7 +245,6 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
     valid_ratio: float = SplitConfig.valid_ratio,
     seed: int = SplitConfig.seed,
     keep_self_results: Flag = False,
-    name: str | None = None,
     out: Path | None = None,
     force: Force = False,
     file: FileOptions = FileOptions(),
@@ -260,23 +255,22 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
     Args:
         book: recipe book: a table, lines a + b = c, JSON, a save of Infinite Craft, a folder of
             Minecraft recipes, also in gzip or zip; or a known book's name.
-        base_file: text file with one base entity per line.
         train_ratio: training share (pairs, goals or recipe groups), between 0 and 1.
         valid_ratio: validation share; the rest is the test part.
         seed: split seed.
         keep_self_results: keep recipes with an ingredient as the result.
-        name: graph name in reports and model folders. Default: the folder's name.
-        out: folder to write. Default: graphs/<name>, or graphs/<book's name>.
+        out: folder to write, whose name is the graph's. Default: graphs/<book's name>.
     """
     recipes = open_book(book, keep_self_results=keep_self_results, **file.for_reading())
-    folder = out or Path("graphs") / (name or recipes.name)
+    folder = out or Path("graphs") / recipes.name
     check_output(folder, force=force)
-    graph = RecipeGraph.from_book(recipes, _base(base, base_file))
-    graph.name = (
-        book_name(with_a_name(folder) / "graph.json")
-        if name is None
-        else check_label(name, "`name`")
-    )
+    labels = split_labels(base) if base is not None else None
+    if labels == []:
+        raise ConfigError(
+            "`base`: the list is empty; name an entity, or leave the option out to infer the base."
+        )
+    graph = RecipeGraph.from_book(recipes, labels)
+    graph.name = book_name(with_a_name(folder) / "graph.json")
     fold = None if split is None else published_fold(str(book), split)
     split = split if fold is None else str(fold)
     # With an ending it is meant to be a file, even if there is none of this name.
@@ -294,28 +288,8 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
     full = ("--kg", "full") if split == "none" else ()
     following = command_line("train-recipes", folder, *full)
     end = f"wrote {folder}/   next: {following}"
-    lines = [*lines_of_build(audited), *note_of_shares(audited.split), end]
+    lines = [*lines_of_build(audited), end]
     output.result({"out": str(folder), **as_values(audited)}, lines)
-
-
-def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:
-    if base is None and base_file is None:
-        return None
-
-    labels = split_labels(base or [])
-    if base_file is not None:
-        if not base_file.is_file():
-            raise ConfigError(f"--base-file '{base_file}': No such file.")
-        try:
-            text = read_small_file(base_file).decode("utf-8-sig")
-        except UnicodeDecodeError:
-            raise ConfigError(f"--base-file {base_file} is not UTF-8 text.") from None
-        labels += [line for line in text.splitlines() if line.strip()]
-    if not labels:
-        raise ConfigError(
-            "`base`: the list is empty; name an entity, or leave the option out to infer the base."
-        )
-    return labels
 
 
 @dataclass(frozen=True)
@@ -359,7 +333,14 @@ def describe(
     if tasks:
         if entity is not None:
             raise ConfigError("`entity` and `tasks` show different things; give one of them.")
-        _describe_tasks(graph, options, output)
+        # Before the search for tasks, which takes long at great depths.
+        whole("limit", options.limit, 0, MAX_SIZE)
+        whole("seed", options.seed, 0)
+        env = WordCraftEnv(
+            graph, part=options.part, depth=options.depth, num_distractors=options.distractors
+        )
+        listing = view_tasks(env, options.limit, options.seed)
+        output.result(listing, _text_of_tasks(listing))
         return
     refuse_given(options, "tasks, with --tasks")
 
@@ -371,19 +352,7 @@ def describe(
     audited = audit(opened.graph, opened.split)
     _warn(audited, opened.graph.entities)
     title = f"graph {opened.graph.name}"
-    figures = lines_of(audited, of_sets=audited.sets is not None)
-    output.result(audited, [title, *figures, *note_of_shares(audited.split)])
-
-
-def _describe_tasks(graph: str, options: ListedTaskOptions, output: Output) -> None:
-    # Before the search for tasks, which takes long at great depths.
-    whole("limit", options.limit, 0, MAX_SIZE)
-    whole("seed", options.seed, 0)
-    env = WordCraftEnv(
-        graph, part=options.part, depth=options.depth, num_distractors=options.distractors
-    )
-    view = view_tasks(env, options.limit, options.seed)
-    output.result(view, _text_of_tasks(view))
+    output.result(audited, [title, *lines_of(audited, of_sets=audited.sets is not None)])
 
 
 def lines_of_build(view: Audit) -> Iterator[str]:
@@ -393,6 +362,10 @@ def lines_of_build(view: Audit) -> Iterator[str]:
     base = listed([*map(quoted, view.base)], most=5)
     reachable = view.reachability.reachable
     origin = f"seed {split.seed}" if split.published is None else split.published.file
+    moved = ""
+    if split.moved_for_coverage:
+        # So the shares are not those of the settings; by-recipe-plain moves none.
+        moved = f"; {split.moved_for_coverage:,} moved to train, so that it has every entity"
     rows = [
         ("entities", f"{view.entities:,}; {reachable:,} in reach of the base: {base}"),
         ("recipes", f"{view.recipes:,}, from {view.pairs:,} different {sources}"),
@@ -401,7 +374,7 @@ def lines_of_build(view: Audit) -> Iterator[str]:
             f"{view.triples.total:,} = {view.triples.combines_with:,} combinesWith + "
             f"{view.triples.component_of:,} componentOf",
         ),
-        ("split", f"{split.kind}, {origin}; {split.valid_recipes:,} recipes for validation"),
+        ("split", f"{split.kind}, {origin}; {split.valid_recipes:,} recipes for validation{moved}"),
         ("train", f"{split.train_recipes:,} recipes, without {split.uncovered:,} of the entities"),
     ]
     if split.test_recipes:
@@ -457,29 +430,6 @@ def _warnings(audited: Audit, labels: Sequence[str]) -> Iterator[str]:
     # Labels that often stand for nothing, such as NA, and are entities.
     for note in note_of_missing(labels):
         yield f"{note}; leave such rows out where they mean a missing value or no result."
-
-
-def note_of_shares(split: SplitSummary) -> Iterator[str]:
-    """Yield a line if recipes were moved to train, so that the split has other shares than set."""
-    num_moved = split.moved_for_coverage
-    recipes = (split.train_recipes, split.valid_recipes, split.test_recipes)
-    test_ratio = 1 - split.train_ratio - split.valid_ratio
-    set_shares = _percentages((split.train_ratio, split.valid_ratio, test_ratio))
-    actual = _percentages([number / sum(recipes) for number in recipes])
-    # In percent, a few moved recipes in a large book change nothing.
-    if num_moved and set_shares != actual:
-        reason = (
-            f"{num_moved:,} recipes were moved to train so that every entity has a train recipe"
-        )
-        yield (
-            f"note: split {actual} instead of {set_shares}: {reason}; "
-            "--split by-recipe-plain moves no recipe"
-        )
-
-
-def _percentages(shares: Iterable[float]) -> str:
-    # What rounds to 0 % is left out, such as a part that a split does not have.
-    return "/".join(f"{share:.0%}" for share in shares if share >= 0.005)
 
 
 def _entity_text(view: EntityView) -> Iterator[str]:

@@ -5,7 +5,7 @@ import logging
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -27,6 +27,7 @@ from wordcraft_kg.cli.console import (
     check_table,
     command_line,
     split_labels,
+    text_table,
     write_file,
     write_table,
 )
@@ -125,20 +126,13 @@ def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
     )
     view = view_links(links, name=model.name, provenance=trained.provenance, trace=trained.trace)
     write_report(make_link_report(view, links.labelled_ranks), folder, force=force)
-    metrics_of = {model.name: view.metrics, **view.baselines}
-    rows = [
-        {
-            "model": name,
-            "triples": part,
-            "MRR": metrics[part].mrr,
-            "interval": metrics[part].mrr_ci,
-            "hits@1": metrics[part].hits_at_1,
-            "hits@10": metrics[part].hits_at_10,
-        }
-        for name, metrics in metrics_of.items()
-        for part in ("all", *RELATIONS)
+    rows = _rows_of_evaluation(view)
+    text = [
+        *_notes_of_evaluation(view),
+        *text_table(rows),
+        *write_table(table, rows, force=force),
+        f"wrote {folder}/   open {folder / 'index.html'}",
     ]
-    text = [*_text_of_evaluation(view, folder), *write_table(table, rows, force=force)]
     output.result(summarise_links(view, str(folder / "index.html")), text)
     # Coverage depends on the split (by-goal splits lack coverage); if another check fails, no
     # metric is valid.
@@ -165,20 +159,19 @@ def _evaluate_sets(
     with staged_folder(folder, force=force) as staging:
         write_atomically(staging / "sets.json", dump_json(as_values(view)))
         write_atomically(staging / "predictions.json", dump_json(ranked))
-    columns = view.methods[0].columns
-    heading = [f"{column} ({top.goals:,})" for column, top in columns.items()]
-    rows = [("right set in the first 1, 3, 5, 10", *heading)]
+    rows = []
     for method in view.methods:
-        rows.append((method.name, *map(_shares, method.columns.values())))
+        shares = {f"{name} ({top.goals:,})": _shares(top) for name, top in method.columns.items()}
+        rows.append({"right set in the first 1, 3, 5, 10": method.name, **shares})
     calibration = f"calibration error {view.calibration_error:.3f} of the first five sets"
     unanswered = f"; no set for {view.unanswered:,} goals" if view.unanswered else ""
-    num_goals = columns["all"].goals
+    num_goals = view.methods[0].columns["all"].goals
     few = [
         f"{method.name}: answers for {method.answered:,} of {num_goals:,} goals"
         for method in view.methods[1:]
         if method.answered is not None and method.answered < num_goals
     ]
-    lines = [*aligned(rows), *few, calibration + unanswered, f"wrote {folder}/"]
+    lines = [*text_table(rows), *few, calibration + unanswered, f"wrote {folder}/"]
     if view.has_rule:
         lines.append(f"the model's sets are those that {rule} allows")
     if view.trained_on == "full":
@@ -193,71 +186,58 @@ def _shares(top: "TopShares") -> str:
     return f"{shares} [{low:.3f}, {high:.3f}]"
 
 
-def _text_of_evaluation(view: "LinkView", folder: Path) -> list[str]:
+def _rows_of_evaluation(view: "LinkView") -> list[dict[str, Any]]:
+    """Return the table of an evaluation: the model, baselines, and the model on some triples."""
+    name = view.model.name
+    tables: list[tuple[str, str, RankingMetrics]]
+    tables = [(name, part, view.metrics[part]) for part in ("all", *RELATIONS)]
+    tables += [(baseline, "all", parts["all"]) for baseline, parts in view.baselines.items()]
+    if not view.model.has_seen_the_test_recipes:
+        # Recipes that do not nearly repeat a train recipe.
+        is_other = "no such train recipe"
+        slices = [row for row in view.drill_down.near_synonyms if row.slice == is_other]
+        tables += [(name, "no near-synonym", row) for row in slices]
+        tables += [(name, row.slice, row) for row in view.drill_down.other_book]
+        if view.leaked_left_out and view.model.kg != "none":
+            tables.append((name, "with leaked", view.with_leaked))
+    return [
+        {
+            "model": model,
+            "triples": triples,
+            "MRR": metrics.mrr,
+            "interval": metrics.mrr_ci,
+            "hits@1": metrics.hits_at_1,
+            "hits@10": metrics.hits_at_10,
+        }
+        for model, triples, metrics in tables
+    ]
+
+
+def _notes_of_evaluation(view: "LinkView") -> Iterator[str]:
     from wordcraft_kg.evaluation.links import has_few_test_recipes
 
-    rows = [(name, _metrics(view.metrics[name])) for name in ("all", "combinesWith", "componentOf")]
-    rows += [(name, _metrics(table["all"])) for name, table in view.baselines.items()]
     ranked = f"{view.triples:,}"
     if view.sampled_from is not None:
         ranked = f"a uniform sample of {view.triples:,} of {view.sampled_from:,}"
-    wrote = f"wrote {folder}/   open {folder / 'index.html'}"
     if view.model.has_seen_the_test_recipes:
-        memory = f"{ranked} triples of the graph, all seen in training: memory, not prediction"
-        return [memory, *aligned(rows), wrote]
+        yield f"{ranked} triples of the graph, all seen in training: memory, not prediction"
+        return
+    yield f"{ranked} unseen triples; {view.leaked_left_out:,} leaked ones left out"
     best = view.comparisons[0]
     low, high = best.ci
     lead = f"{best.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
-    rows.append(("verdict", f"{best.compared} the best baseline, {best.baseline}: {lead}"))
+    yield f"{best.compared} the best baseline, {best.baseline}: {lead}"
     if has_few_test_recipes(view):
         count = f"{view.split.test_recipes:,} test recipes"
-        rows.append(
-            ("few recipes", f"only {count}: another seed of the split may change the verdict")
-        )
-    reason = "(recipes that do not nearly repeat a train recipe)"
-    rows += [
-        ("no near-synonym", f"{_metrics(row)}  {reason}")
-        for row in view.drill_down.near_synonyms
-        if row.slice == "no such train recipe"
-    ]
-    rows += [(row.slice, _metrics(row)) for row in view.drill_down.other_book]
+        yield f"only {count}: another seed of the split may change the verdict"
     if view.in_sample:
         left_out = f"MRR {view.in_sample.left_out_mrr:.3f} on train triples left out of training"
-        rows.append(("cross-fitted", f"{left_out} ({view.in_sample.in_sample_mrr:.3f} in-sample)"))
-    if view.leaked_left_out and view.model.kg != "none":
-        leaked, headline = (
-            metrics.mrr or 0.0 for metrics in (view.with_leaked, view.metrics["all"])
-        )
-        # A model that does not remember the leaked triples lowers the metric.
-        inflated = (
-            "inflated: training contains them"
-            if leaked > headline
-            else "no better, though training contains them"
-        )
-        rows.append(("with leaked", f"MRR {leaked:.3f}, {inflated}"))
-    return [
-        f"{ranked} unseen triples; {view.leaked_left_out:,} leaked ones left out",
-        *aligned(rows),
-        wrote,
-    ]
+        yield f"cross-fitted: {left_out} ({view.in_sample.in_sample_mrr:.3f} in-sample)"
 
 
-def _metrics(metrics: "RankingMetrics") -> str:
-    if not metrics.queries:
-        return "no queries"
-    interval = f" [{metrics.mrr_ci[0]:.3f}, {metrics.mrr_ci[1]:.3f}]" if metrics.mrr_ci else ""
-    return (
-        f"MRR {metrics.mrr:.3f}{interval}  hits@1 {metrics.hits_at_1:.3f}  hits@10 "
-        f"{metrics.hits_at_10:.3f}"
-    )
-
-
-def score(  # noqa: PLR0913 - parameters are the command's options
+def score(
     model: Path,
-    head: str | None = None,
-    relation: str | None = None,
-    tail: str = "",
-    *rest: str,
+    *query: str,
     top: int = 10,
     new_only: Flag = False,
     queries: Annotated[Path | None, Parameter(name="--in")] = None,
@@ -278,12 +258,9 @@ def score(  # noqa: PLR0913 - parameters are the command's options
 
     Args:
         model: model folder.
-        head: entity, or _ for an open slot. If an entity is called _ (or ?), write ? (or _) for the
-            open slot.
-        relation: combinesWith or componentOf.
-        tail: entity, or _ for an open slot (default).
-        rest: further words of a recipe such as a + b = c; quote labels with blanks or signs, and 'a
-            + b -> c'.
+        query: head, combinesWith or componentOf, and tail, each entity or _ for an open slot, which
+            a missing tail is; or a recipe such as a + b = c. Quote labels with blanks or signs, and
+            'a + b -> c'. If an entity is called _ (or ?), write ? (or _) for the open slot.
         top: entities to list for an open slot.
         new_only: leave out known triples or recipes.
         queries: CSV or TSV file with head, relation and tail, or with the header
@@ -302,9 +279,8 @@ def score(  # noqa: PLR0913 - parameters are the command's options
     from wordcraft_kg.evaluation.suggestions import check_file_query, is_set_query
 
     whole("top", top, 1)
-    words = [word for word in (head, relation) if word is not None]
-    words += [word for word in (tail, *rest) if word]
-    _check_query(words, has_relation=relation is not None, file=queries, out=out)
+    words = list(query)
+    _check_query(words, file=queries, out=out)
     loaded = ScoringModel.open(model, graph, needs_graph=new_only)
     if queries is None and is_set_query(loaded.scorer, words):
         output.result(*_scored_set(model, graph, words, top, new_only=new_only))
@@ -367,11 +343,9 @@ def _no_ranking() -> ConfigError:
     )
 
 
-def _check_query(
-    words: list[str], *, has_relation: bool, file: Path | None, out: Path | None
-) -> None:
+def _check_query(words: list[str], *, file: Path | None, out: Path | None) -> None:
     signs = ("+", "->", "→")
-    is_query = has_relation or any(sign in word for word in words for sign in signs)
+    is_query = len(words) > 1 or any(sign in word for word in words for sign in signs)
     has_file = file is not None
     # Either words or a file, and words alone must be a whole query.
     if bool(words) == has_file or not (has_file or is_query):
@@ -391,24 +365,19 @@ def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str
     if not answers:
         yield "no answer: nothing is left to propose"
         return
+    is_recipe = "result" in answers[0].slots
+    form = "{} + {} -> {}" if is_recipe else "{} {} {}"
     rows = [
-        (
-            f"{answer.score:9.4f}",
-            answer.known or "",
-            _thing(answer),
-            _chance(answer),
-            "(learned)" if answer.in_sample else "",
-        )
+        {
+            f"{'score':>9}": f"{answer.score:9.4f}",
+            "part": answer.known,
+            "recipe" if is_recipe else "triple": form.format(*answer.slots.values()),
+            "probability": _chance(answer.probability),
+            "": "(learned)" if answer.in_sample else None,
+        }
         for answer in answers
     ]
-    kind = "recipe" if "result" in answers[0].slots else "triple"
-    names = (f"{'score':>9}", "part", kind, "probability", "")
-    # A column in which no row has anything has no heading either.
-    headings = []
-    for place, name in enumerate(names):
-        is_filled = any(row[place] for row in rows)
-        headings.append(name if is_filled else "")
-    heading, *lines = aligned([headings, *rows])
+    heading, *lines = text_table(rows)
     yield heading
     for number, (line, answer) in enumerate(zip(lines, answers, strict=True)):
         yield line
@@ -429,20 +398,12 @@ def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str
         yield f"rank among all {num_entities:,} entities, unfiltered: {rank_texts}"
 
 
-def _thing(answer: "ScoredAnswer") -> str:
-    form = "{} + {} -> {}" if "result" in answer.slots else "{} {} {}"
-    return form.format(*answer.slots.values())
-
-
-def _chance(answer: "ScoredAnswer") -> str:
-    share = answer.probability
+def _chance(share: float | None) -> str | None:
     if share is None:
-        return ""
+        return None
     if share > 0.99:
         return "> 99 %"
-    if share < 0.001:
-        return "< 0.1 %"
-    return f"{100 * share:.2g} %"
+    return "< 0.1 %" if share < 0.001 else f"{100 * share:.2g} %"
 
 
 def _notes(kg: "TrainedOn | None", answers: Sequence["ScoredAnswer"]) -> Iterator[str]:
@@ -649,13 +610,13 @@ def suggestion_lines(view: "Suggestions") -> Iterator[str]:
 
 
 def _suggestion_rows(suggestions: "Sequence[Suggestion]") -> Iterator[str]:
-    rows = [("probability", "", "")]
+    yield "probability"
+    rows = []
     for suggestion in suggestions:
         place = suggestion.known if suggestion.steps is None else f"step {suggestion.steps}"
         recipe = f"{' + '.join(suggestion.ingredients)} -> {suggestion.result}"
         rows.append((f"{suggestion.probability:>11.3f}", place, recipe))
-    heading, *lines = aligned(rows)
-    yield heading.rstrip()
+    lines = aligned(rows)
     for line, suggestion in zip(lines, suggestions, strict=True):
         yield line
         if suggestion.because:

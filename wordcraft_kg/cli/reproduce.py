@@ -27,6 +27,7 @@ from wordcraft_kg.cli.console import (
     check_table,
     refuse_given,
     split_labels,
+    text_table,
     write_table,
 )
 from wordcraft_kg.cli.options import Force, Table, Words
@@ -48,7 +49,7 @@ from wordcraft_kg.studies.study import (
 )
 
 if TYPE_CHECKING:
-    from wordcraft_kg.studies.view import PointMetrics, StudyView
+    from wordcraft_kg.studies.view import StudyView
 
 EXAMPLES = (
     "wordcraft-kg reproduce --list",
@@ -150,7 +151,8 @@ def reproduce(  # noqa: PLR0913 - parameters are the command's options
         return _show(study, engine.out, shown, table, output)
     refuse_given(shown, "existing results, with --show")
     if all_studies:
-        return _list(changes, output)
+        refuse_given(changes, "running a study, not for --list")
+        return _list(output)
     if study is None:
         raise ConfigError(
             "reproduce needs a study; `wordcraft-kg reproduce --list` lists the built-in studies."
@@ -193,13 +195,11 @@ def _chosen(study: str, changes: Changes) -> dict[str, Study]:
     return studies
 
 
-def _list(changes: Changes, output: Output) -> int:
-    if changes.book:
-        raise ConfigError("`book` does not apply to `--list`; leave the option out.")
+def _list(output: Output) -> int:
     listed: dict[str, dict[str, object]] = {}
     rows: list[tuple[str, str]] = []
     for name in built_in():
-        study = adapted(read_study(name), steps=changes.steps, seeds=changes.seeds)
+        study = read_study(name)
         trainings = sum(PLAYER not in cell.settings for cell in cells_of(study))
         listed[name] = {"title": study.title, "source": study.source, "trainings": trainings}
         rows += [(name, f"{study.title}: {trainings} trainings"), ("", study.source)]
@@ -221,23 +221,12 @@ def _show(
         # Refused before the tables and plots are made.
         check_output(target, force=options.force)
     view = view_study(results)
-    text = [*_lines_of(view), *_write_table(table, view, force=options.force)]
+    text = list(_lines_of(view, table, force=options.force))
     if target is not None:
         page, *_ = write_study_report(view, target, force=options.force)
         text.append(f"wrote {target}/   open {page}")
     output.result({"report": None if target is None else str(target), "study": view}, text)
     return 0
-
-
-def _write_table(table: Path | None, view: "StudyView", *, force: bool = False) -> list[str]:
-    """Write a row for each agent at each grid point; return the line that says so."""
-    from wordcraft_kg.studies.report import tables_of
-
-    rows = []
-    for point in tables_of(view):
-        at = {"at": point.title} if point.title else {}
-        rows += [at | dict(zip(point.headings, row, strict=True)) for row in point.rows]
-    return write_table(table, rows, force=force)
 
 
 def _collect(study: str | None, root: Path) -> tuple[StudyResults, Path]:
@@ -248,15 +237,11 @@ def _collect(study: str | None, root: Path) -> tuple[StudyResults, Path]:
         root: the results folder.
     """
     path = Path(study or "")
-    if path.suffix == ".toml":
-        raise ConfigError(
-            f"'{study}' is a study; expected results. Give the study's name, or a results file."
-        )
-    if path.is_file():
+    if path.suffix != ".toml" and path.is_file():
         return read_record(path, StudyResults), path.parent
-    if path.suffix == ".json":
+    if path.suffix in (".toml", ".json"):
         raise ConfigError(
-            f"'{study}': no such file. Give a results file, or the name of a study in '{root}'."
+            f"'{study}' is no file of results. Give one, or the name of a study in '{root}'."
         )
     if study is None:
         names = studies_of(root)
@@ -387,8 +372,7 @@ def _reported(
     page, *_ = write_study_report(view, folder, force=True)
     # After the report, which replaces the folder; small enough to keep with the page.
     write_atomically(folder / "results.json", results_text(results))
-    wrote = _write_table(table, view)
-    text = [*_lines_of(view), *text, *wrote, f"wrote {folder}/   open {page}"]
+    text = [*_lines_of(view, table), *text, f"wrote {folder}/   open {page}"]
     return {**values, "report": str(folder)}, text
 
 
@@ -399,17 +383,18 @@ def _first(lines: list[str], rest: str) -> list[str]:
     return [*lines[:LISTED], f"  and {len(lines) - LISTED:,} more; {rest}"]
 
 
-def _lines_of(view: "StudyView") -> Iterator[str]:
-    """Yield the success of each agent at each grid point, and verdicts on claims, as text."""
+def _lines_of(view: "StudyView", table: Path | None, *, force: bool = False) -> Iterator[str]:
+    """Yield the report's table and verdicts on claims as text; write the table to a file."""
+    from wordcraft_kg.studies.report import tables_of
+
+    rows = []
+    for point, shown in zip(view.points, tables_of(view), strict=True):
+        for row in shown.rows:
+            cells = zip(shown.headings, row, strict=True)
+            rows.append({"at": point.title, **dict(cells), "tasks": point.tasks})
     yield f"{view.title}: success on test tasks"
-    for point in view.points:
-        yield from _lines_of_point(point)
-    compared = ""
-    if view.comparisons:
-        number = "the comparison"
-        if view.comparisons > 1:
-            number = f"{view.comparisons} comparisons, corrected by Holm"
-        compared = f"; differences to {view.reference}; p of {number}"
+    yield from text_table(rows)
+    compared = f"; differences to {view.reference}, p corrected by Holm" if view.comparisons else ""
     yield f"intervals: 95 % over {view.resampled}{compared}"
     if view.claims:
         yield "claims"
@@ -419,27 +404,7 @@ def _lines_of(view: "StudyView") -> Iterator[str]:
         number = counted(len(view.missing), "training")
         training = f"{first.variant}, seed {first.seed}"
         yield f"{number} without results; the first, {training}: {first.why}"
-
-
-def _lines_of_point(point: "PointMetrics") -> Iterator[str]:
-    from wordcraft_kg.studies.report import difference_of, p_value_of, with_bounds
-
-    facts = []
-    # Without a grid, the title of the point already names the graphs.
-    if point.values:
-        facts = [f"{graph.name}, {graph.kind}" for graph in point.graphs]
-    # Splits of one graph and kind are named once.
-    facts = [*dict.fromkeys(facts), counted(point.tasks, "test task")]
-    yield f"{point.title} ({'; '.join(facts)})"
-    rows = []
-    for entry in point.variants:
-        comparison = ""
-        if entry.comparison is not None:
-            comparison = f"  {difference_of(entry)}  p {p_value_of(entry)}"
-        seeds = counted(len(entry.seeds), "seed")
-        success = with_bounds(entry.mean, entry.interval)
-        rows.append((f"  {entry.variant}", success, seeds + comparison))
-    yield from aligned(rows)
+    yield from write_table(table, rows, force=force)
 
 
 def _rows_of_claims(claims: Sequence[ClaimVerdict]) -> Iterator[tuple[str, str]]:

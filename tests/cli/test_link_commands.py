@@ -71,28 +71,12 @@ def test_models_go_to_a_folder_of_their_own_by_default(run, tmp_path, monkeypatc
     ]
 
 
-@pytest.mark.parametrize(
-    ("command", "says"),
-    [
-        ("train-complex --n3 0.1", "more --epochs, a larger --dim, or a smaller --n3."),
-        (
-            "train-links --model distmult",
-            "more --epochs, another --learning-rate, or --loop symmetric.",
-        ),
-        (
-            "train-links --model distmult --loop symmetric",
-            "more --epochs, another --learning-rate.",
-        ),
-    ],
-)
-def test_a_model_that_hardly_fits_is_told_options_that_its_command_has(
-    run, tmp_path, caplog, command, says
-):
-    name, *options = command.split()
+def test_a_model_that_hardly_fits_is_told_to_train_longer(run, tmp_path, caplog):
+    name = "train-complex"
     least = ("--dim", 1, "--epochs", 1, *in_file(name, learning_rate=1e-6), "--folds", 0, "--quiet")
-    assert run(name, "kitchen", *options, *least, "--out", tmp_path / "model").code == 0
+    assert run(name, "kitchen", "--n3", 0.1, *least, "--out", tmp_path / "model").code == 0
     (warning,) = (message for message in caplog.messages if "hardly fits" in message)
-    assert warning.endswith(f"try {says}")
+    assert warning.endswith("try more --epochs.")
 
 
 def test_evaluate_links_prints_one_object_with_baselines(evaluated, trained):

@@ -99,7 +99,8 @@ _SEPARATOR = re.compile(r"\s*[&,;]\s*(?:and\s+)?|\s+(?:and|with|plus|then)\s+", 
 _SIGN = re.compile(r"\s*\+\s*")
 _BLANK = re.compile(r"\s+")
 _NUMBERS = re.compile(r"\d+(?:\s+\d+)+", re.ASCII)
-_BOXED = re.compile(r"\\boxed\s*\{")
+_BRACES = r"\{(?:[^{}]|\{[^{}]*+\})*+\}"
+_BOXED = re.compile(rf"\\boxed\s*\{{((?:[^{{}}]|{_BRACES})*+)\}}")
 _LATEX_TEXT = re.compile(r"\\(?:text|textbf|textit|mathrm|mathbf|mbox)\s*\{([^{}]*)\}")
 _LATEX_MARK = re.compile(r"\\[()\[\], ]|\\q?quad\b|\$")
 _AROUND = r"[\s*_`'\"“”‘’«»()\[\]]*"
@@ -240,8 +241,8 @@ def _joined_items(sentence: str, labels: Sequence[str]) -> tuple[int, ...]:
     """
     text = _MADE.sub("", sentence)
     items = list(_items(text, index_of(tuple(labels))))
-    mentions = _mentions(text, labels)
-    if not items or len(mentions.pairs) != len(items) - 1 or not mentions.is_clear:
+    pairs, _, is_clear = _mentions(text, labels)
+    if not items or len(pairs) != len(items) - 1 or not is_clear:
         return ()
     is_cut = _JOINED_BEFORE.search(text[: items[0].start]) or _JOINER.match(text, items[-1].end)
     return () if is_cut or len(items) < 2 else tuple(item.place for item in items)
@@ -347,7 +348,8 @@ def _in_line(line: str, labels: Sequence[str]) -> Pair:
             raise _NoPair(str(error)) from None
         return _same(pairs, labels)
     # `a + b = c, c + d = e` reads as `a + b` if all behind the sign were ignored.
-    return _same([pair, *_mentions(line, labels).by_sign], labels)
+    _, by_sign, _ = _mentions(line, labels)
+    return _same([pair, *by_sign], labels)
 
 
 def _elsewhere(text: str, labels: Sequence[str]) -> Pair | None:
@@ -416,7 +418,7 @@ def _in_sentence(line: str, labels: Sequence[str]) -> list[Pair]:
 def _marked(text: str) -> list[str]:
     """Return the texts that are marked as the answer, in boxes or calls, or by the last marker."""
     calls = [_PARAMETER.sub("", call[1]) for call in _CALL.finditer(text)]
-    enclosed = [*_boxed(text), *calls]
+    enclosed = [*_BOXED.findall(text), *calls]
     markers = list(_MARKER.finditer(text))
     if enclosed or not markers:
         return enclosed
@@ -427,17 +429,6 @@ def _marked(text: str) -> list[str]:
 def _without_latex(text: str) -> str:
     r"""Return the text of a formula, such as ``a + b`` for ``\text{a} + \text{b}``."""
     return _LATEX_MARK.sub(" ", _LATEX_TEXT.sub(r" \1 ", text)).strip()
-
-
-def _boxed(line: str) -> Iterator[str]:
-    """Yield the contents of boxes; a regular expression cannot match nested braces."""
-    for match in _BOXED.finditer(line):
-        depth = 1
-        for place in range(match.end(), min(len(line), match.end() + _LONGEST)):
-            depth += {"{": 1, "}": -1}.get(line[place], 0)
-            if depth == 0:
-                yield line[match.end() : place]
-                break
 
 
 @dataclass(frozen=True)
@@ -455,33 +446,17 @@ class _Item:
     place: int
 
 
-@dataclass(frozen=True)
-class _Mentions:
-    """All pairs of neighbouring items in a line with a joiner between them.
-
-    Attributes:
-        pairs: the pairs, from left to right, as places on the table in written order.
-        by_sign: those of them whose joiner is ``+`` or ``&``, not a word or a comma.
-        is_clear: whether there is no negation, alternative or question, and no sign without a known
-            item.
-    """
-
-    pairs: Sequence[Pair]
-    by_sign: Sequence[Pair]
-    is_clear: bool
-
-
 def _only_pair(line: str, labels: Sequence[str]) -> list[Pair]:
     """Return the only pair in a sentence, in a list; an empty list if there is none.
 
     Raises:
         ActionError: if there are several pairs, or the sentence may not mean its pair.
     """
-    mentions = _mentions(line, labels)
-    if not mentions.pairs:
+    pairs, _, is_clear = _mentions(line, labels)
+    if not pairs:
         return []
-    pair = _same(mentions.pairs, labels)
-    if not mentions.is_clear:
+    pair = _same(pairs, labels)
+    if not is_clear:
         raise ActionError(
             f"the answer mentions {labels[pair[0]]} + {labels[pair[1]]}, but with a negation, a "
             "question, an alternative, or other items. Write the pair alone in the last line."
@@ -502,18 +477,23 @@ def _with_names(numbers: re.Match[str], labels: Sequence[str]) -> str:
     return " + ".join(labels[place] for place in places)
 
 
-def _mentions(line: str, labels: Sequence[str]) -> _Mentions:
-    """Return the pairs of known items in a line.
+def _mentions(line: str, labels: Sequence[str]) -> tuple[list[Pair], list[Pair], bool]:
+    """Return all pairs of neighbouring items in a line with a joiner between them.
 
     The text behind an arrow or equals sign is the result, and is left out.
+
+    Returns:
+        the pairs, from left to right, as places on the table in written order; those of them whose
+        joiner is ``+`` or ``&``, not a word or a comma; and whether there is no negation,
+        alternative or question, and no sign without a known item.
     """
     text = _ITEM_NUMBERS.sub(partial(_with_names, labels=labels), line[:_LONGEST])
     text = _MADE.sub("", text)
     items = list(_items(text, index_of(tuple(labels))))
-    pairs = []
-    by_sign = []
+    pairs: list[Pair] = []
+    by_sign: list[Pair] = []
     if not items:
-        return _Mentions([], [], False)
+        return [], [], False
     gaps = [text[: items[0].start]]  # text that joins no items
     is_clear = not text.rstrip().endswith("?")
     for left, right in pairwise(items):
@@ -534,7 +514,7 @@ def _mentions(line: str, labels: Sequence[str]) -> _Mentions:
     for item in items:
         before = _LIST_NUMBER.sub("", text[: item.start], count=1)
         is_clear &= not _NUMBER_BEFORE.search(before)  # the number of another item
-    return _Mentions(pairs, by_sign, is_clear)
+    return pairs, by_sign, is_clear
 
 
 def _items(text: str, index: LabelIndex) -> Iterator[_Item]:

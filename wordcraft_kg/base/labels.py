@@ -157,11 +157,9 @@ class LabelIndex:
             >>> index.find("The Water"), index.find("berries"), index.find("FIRE")
             (0, 3, None)
         """
-        # A text that is longer than any label can be: not worth the comparisons.
-        if len(written) > self._longest:
-            return None
         text = " ".join(written.split())
-        if not text:
+        # A text that is longer than any label can be: not worth the comparisons.
+        if not text or len(written) > self._longest:
             return None
         places = self.places(text)
         return places[0] if len(places) == 1 else None

@@ -367,14 +367,12 @@ def _at_capitals(word: str) -> list[str]:
         return [word]
     starts = [0]
     for place in range(1, len(word)):
-        follows_small = word[place - 1].islower()
-        follows_capital = word[place - 1].isupper()
-        next_letter = word[place + 1 : place + 2]
-        begins_word = follows_capital and next_letter.islower()
-        if word[place].isupper() and (follows_small or begins_word):
+        # A capital begins a word behind a small letter, or between a capital and a small letter.
+        before = word[place - 1]
+        begins_word = before.isupper() and word[place + 1 : place + 2].islower()
+        if word[place].isupper() and (before.islower() or begins_word):
             starts.append(place)
-    ends = pairwise([*starts, len(word)])
-    return [word[start:end] for start, end in ends]
+    return [word[start:end] for start, end in pairwise([*starts, len(word)])]
 
 
 def _in_usual_width(char: str) -> str:

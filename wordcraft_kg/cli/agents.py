@@ -420,9 +420,6 @@ def _text_of_discovery(view: DiscoveryView) -> Iterator[str]:
     reachable = f"{view.reachable:,} of {view.entities:,} entities reachable"
     yield f"{view.graph}: {reachable} from {', '.join(map(quoted, view.base))}"
     yield f"{view.runs:,} runs of {view.attempts:,} attempts: mean [95% interval]"
-    # Unordered pairs, an entity with itself included.
-    if view.attempts > view.reachable * (view.reachable + 1) // 2:
-        yield f"note: more attempts than pairs; a run ends when all {view.reachable:,} are known"
     yield ""
     title = "entities known after"
     rows = []

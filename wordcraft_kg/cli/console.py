@@ -113,14 +113,11 @@ class Output:
 def json_line(value: Any) -> str:
     """Return a value as JSON in one line that stdout can encode.
 
-    Characters that the encoding of stdout lacks become JSON's own escapes; the value is unchanged.
+    If its encoding is not Unicode, other characters than ASCII become JSON's own escapes; the value
+    is unchanged.
     """
-    line = for_json(json_text(value))
-    try:
-        line.encode(sys.stdout.encoding or "utf-8")
-    except UnicodeEncodeError:
-        return json_text(value, ensure_ascii=True)
-    return line
+    is_unicode = (sys.stdout.encoding or "utf-8").lower().startswith("utf")
+    return for_json(json_text(value, ensure_ascii=not is_unicode))
 
 
 def accept_all_characters() -> None:

@@ -293,9 +293,8 @@ def _link_rows(trained: "TrainedLinks") -> Rows:
         )
     # A model that has converged remembers its training triples far better than this.
     if metrics.train_mrr < 0.1:
-        advice = _how_to_fit(LinksConfig.read(trained.folder))
         logging.getLogger(__name__).warning(
-            "the model hardly fits the training triples; try %s.", advice
+            "the model hardly fits the training triples; try more --epochs."
         )
     return rows
 
@@ -354,14 +353,6 @@ def _ranks(metrics: "LinkMetrics | RecipeMetrics", train_mrr: float | None) -> R
         mrr = f"MRR {metrics.fold_mrr:.3f} (about rank {1 / metrics.fold_mrr:.0f})"
         rows.append(("unseen", f"links of recipes left out in turn: {mrr}"))
     return rows
-
-
-def _how_to_fit(config: LinksConfig) -> str:
-    settings = config.settings
-    if isinstance(settings, ComplExConfig):
-        return "more --epochs, a larger --dim, or a smaller --n3"
-    advice = "more --epochs, another --learning-rate"
-    return f"{advice}, or --loop symmetric" if settings.loop == "slcwa" else advice
 
 
 def train_recipes(

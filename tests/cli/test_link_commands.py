@@ -168,17 +168,6 @@ def test_several_models_are_compared_with_the_first_on_a_page(
     assert page.read_bytes() == before
 
 
-@pytest.mark.parametrize("name", ["comparison", "comparison.v2"])
-def test_the_page_of_a_comparison_has_an_ending_that_a_browser_shows(
-    printed, refused, trained, tmp_path, name
-):
-    command = ("compare", trained / "one", trained / "two", "--out", tmp_path / name)
-    page = tmp_path / f"{name}.html"
-    assert printed(*command)["out"] == str(page)
-    assert [path.name for path in tmp_path.iterdir()] == [page.name]
-    refused(*command, says=f"{page}' exists", kind="OutputExistsError")
-
-
 @pytest.fixture(scope="module")
 def models(tmp_path_factory):
     """A folder with `mine`, a scorer, and `theirs`, a model that PyKEEN's pipeline has trained."""

@@ -34,9 +34,6 @@ EXAMPLES = (
     "wordcraft-kg compare runs/no-kg-seeds runs/partial-seeds --distractors 1,2,8",
 )
 
-PAGE_ENDINGS = (".html", ".htm")
-"""Endings of a page; the first is added to any other file name."""
-
 
 @dataclass(frozen=True)
 class AgentOptions:
@@ -72,7 +69,7 @@ def compare(
             written with --seeds. The first is the reference of the differences; tables are sorted
             by success or MRR, best first.
         out: report folder for agents (default: reports/<agents' names>), or HTML page for link
-            predictors (.html is added to another ending).
+            predictors, such as comparison.html.
     """
     check_table(table, force=force)
     if not runs:
@@ -164,9 +161,6 @@ def _compare_links(
     force: bool,
     output: Output,
 ) -> None:
-    if out is not None and out.suffix.lower() not in PAGE_ENDINGS:
-        # With the ending of a page, so that a browser shows it.
-        out = out.with_name(out.name + PAGE_ENDINGS[0])
     check_file(out, force=force)
     from wordcraft_kg.evaluation.ranked_links import Contender, by_mrr, compare
     from wordcraft_kg.models.model_folder import open_model

@@ -8,7 +8,7 @@ import re
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from inspect import signature
+from inspect import Parameter, signature
 from typing import Any
 
 from cyclopts import (
@@ -59,29 +59,19 @@ class Manual:
     subject: str
 
     @property
-    def places(self) -> dict[str, str]:
-        """Positional arguments by parameter name, as the usage line spells them: ``[GRAPH]``."""
-        shown = {}
-        # Once one argument may be left out, so may all that follow.
-        is_optional = False
-        for parameter in signature(self.function).parameters.values():
-            if parameter.kind is not parameter.KEYWORD_ONLY:
-                is_optional |= parameter.default is not parameter.empty
-                name = parameter.name.upper()
-                if parameter.kind is parameter.VAR_POSITIONAL:
-                    name += "..."
-                shown[parameter.name] = f"[{name}]" if is_optional else name
-        return shown
-
-    @property
     def usage(self) -> str:
         """The usage line: command, positional arguments and required options."""
-        options = [
-            f"--{parameter.name} {parameter.name.upper()}"
-            for parameter in signature(self.function).parameters.values()
-            if parameter.kind is parameter.KEYWORD_ONLY and parameter.default is parameter.empty
-        ]
-        return " ".join(["wordcraft-kg", self.name, *self.places.values(), *options, "[OPTIONS]"])
+        words = ["wordcraft-kg", self.name]
+        for parameter in signature(self.function).parameters.values():
+            name = parameter.name.upper()
+            is_required = parameter.default is parameter.empty
+            if parameter.kind is parameter.VAR_POSITIONAL:
+                words.append(f"{name}...")
+            elif parameter.kind is not parameter.KEYWORD_ONLY:
+                words.append(name if is_required else f"[{name}]")
+            elif is_required:
+                words.append(f"--{parameter.name} {name}")
+        return " ".join([*words, "[OPTIONS]"])
 
 
 @dataclass(frozen=True)
@@ -135,7 +125,7 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
     error = _for_author(error)
     kind = type(error).__name__
     if isinstance(error, CycloptsError):
-        return Failure(kind, _message(error, manual), 2, _hints(error, manual))
+        return Failure(kind, _message(error), 2, _hints(error, manual))
     if isinstance(error, KeyboardInterrupt):
         return Failure(kind, str(error) or "interrupted; nothing was written", INTERRUPTED)
     if isinstance(error, WordCraftKGError):
@@ -180,15 +170,15 @@ def _hints(error: CycloptsError, manual: Manual | None) -> tuple[str, ...]:
     return f"usage:   {manual.usage}", f"example: {manual.examples[0]}"
 
 
-def _message(error: CycloptsError, manual: Manual | None) -> str:
+def _message(error: CycloptsError) -> str:
     """Return the parser's message, in plainer words where its own are a programmer's."""
     if isinstance(error, UnusedCliTokensError) and error.unused_tokens:
         return f"unexpected argument '{error.unused_tokens[0]}'."
     # Not its subclasses, whose own messages are plain.
     if type(error) is MissingArgumentError and error.argument is not None:
-        name = error.argument.field_info.name
-        is_place = manual is not None and name in manual.places
-        return f"a value for {name.upper() if is_place else error.argument.name} is missing."
+        name = error.argument.name
+        is_place = error.argument.index is not None
+        return f"a value for {name.removeprefix('--').upper() if is_place else name} is missing."
     if isinstance(error, UnknownOptionError) and "-" in (error.token.keyword, error.token.value):
         # A shell reads `score MODEL a + b -> c` as the words `a + b -`, and writes the output to a
         # file `c`.
@@ -209,10 +199,11 @@ def with_options(message: str, manual: Manual | None = None) -> str:
         message: text of an error.
         manual: usage of the command, whose positional arguments become upper case, as in GRAPH.
     """
-    places = manual.places if manual else ()
+    parameters = signature(manual.function).parameters if manual else {}
 
     def named(match: re.Match[str]) -> str:
         name = OPTIONS.get(match[1], match[1])
-        return name.upper() if name in places else f"--{name.replace('_', '-')}"
+        is_place = name in parameters and parameters[name].kind is not Parameter.KEYWORD_ONLY
+        return name.upper() if is_place else f"--{name.replace('_', '-')}"
 
     return NAMED_SETTING.sub(named, message)

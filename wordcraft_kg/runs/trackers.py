@@ -131,25 +131,19 @@ TRACKERS: dict[str, type[TensorBoard] | type[WeightsAndBiases]] = {
 """Tracker classes by name; each takes run folder, settings by name, and finished steps."""
 
 
-def checked_trackers(trackers: Iterable[Tracker | str]) -> list[Tracker | str]:
-    """Return trackers without duplicates, after a check that those given by name can be opened.
+def check_trackers(trackers: Iterable[Tracker | str]) -> None:
+    """Check that the trackers given by name can be opened.
 
     Raises:
         ConfigError: for an unknown name.
         MissingExtraError: if a tracker's library is not installed.
     """
-    unique: list[Tracker | str] = []
-    # No set, because a tracker of a program need not be hashable.
-    for tracker in trackers:
-        if tracker not in unique:
-            unique.append(tracker)
-    for name in names_of(unique):
+    for name in names_of(trackers):
         one_of("trackers", name, tuple(TRACKERS))
         try:
             import_module(TRACKERS[name].library)
         except ImportError:
             raise MissingExtraError(f"`trackers` {name!r}: {missing_extra(name, [name])}") from None
-    return unique
 
 
 def names_of(trackers: Iterable[Tracker | str]) -> tuple[str, ...]:
@@ -168,7 +162,7 @@ def tracking(
 
     Args:
         run: the run, which is live.
-        trackers: from :func:`checked_trackers`.
+        trackers: those that :func:`check_trackers` has checked.
         settings: all settings of the run, by name.
         step: finished epochs or steps of a resumed run.
     """

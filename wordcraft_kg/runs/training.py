@@ -25,7 +25,7 @@ from wordcraft_kg.runs.run_folder import (
     new_run,
     resumed_run,
 )
-from wordcraft_kg.runs.trackers import Log, Tracker, checked_trackers, names_of, tracking
+from wordcraft_kg.runs.trackers import Log, Tracker, check_trackers, names_of, tracking
 
 _ADVICE = "Choose another `out`, or train again with `force`."
 C = TypeVar("C", bound=RunConfig)
@@ -171,7 +171,8 @@ def train(
     config = trainer.settled(config, opened)
     config = replace(config, graph=opened.source)
     folder = config.default_folder(opened.graph.name) if out is None else Path(out)
-    trackers = checked_trackers(trackers)
+    trackers = list(trackers)
+    check_trackers(trackers)
     kind = trainer.kind
     record = None if force else _earlier(folder, kind)
     if record is not None:
@@ -187,9 +188,11 @@ def train(
                 with shown(progress, training.kind) as report, resumed as run:
                     checkpoint = training.restored(run)
                     # The trackers of the run so far go on, even if they are not named again.
-                    everywhere = checked_trackers([*run.record.trackers, *trackers])
+                    earlier = run.record.trackers
+                    trackers = [*earlier, *(one for one in trackers if one not in earlier)]
+                    check_trackers(earlier)
                     start = 0 if checkpoint is None else checkpoint.number
-                    with tracking(run, everywhere, training.config.values(), start) as log:
+                    with tracking(run, trackers, training.config.values(), start) as log:
                         return training.fit(run, report, log, checkpoint)
             # Killed before the first checkpoint: nothing is lost.
             force = True

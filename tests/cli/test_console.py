@@ -526,7 +526,6 @@ REFUSED = [
     ("score {trained}/one flour combineWith water", "'combinesWith'"),
     ("score {trained}/one ? componentOf ?", "has several open slots"),
     ("score {trained}/one ? componentOf", "has several open slots"),
-    ("score {trained}/one flour combinesWith water --new-only", "--new-only"),
     ("score {trained}/one", "--in"),
     ("score {trained}/one flour", "--in"),
     ("score {trained}/one flour combinesWith --in x.csv", "--in"),

@@ -570,29 +570,45 @@ class _Pairs(list[tuple[str, Any]]):
     """The members of a JSON object in order; a name may be repeated."""
 
 
-def _pairs_in_value(value: Any, *, are_sets: bool = False) -> Iterator[str]:
+def _pairs_in_value(value: Any, name: str = "answer", *, are_sets: bool = False) -> Iterator[str]:
     """Yield the pairs in a JSON value, as texts; names that are repeated give several pairs.
 
     Args:
-        value: a value of :func:`_json_values`.
+        value: a value of :func:`_json_values`, or a member of one.
+        name: name of the member in its object; the values of other names than answers are answers
+            if they are objects, lists of objects, or a call's arguments.
         are_sets: whether a list may have more than two items, and no item has a name of its own.
     """
+    is_answer = name in _ANSWER_KEYS
     if isinstance(value, _Pairs):
-        members = [(name.casefold().strip().replace(" ", "_"), member) for name, member in value]
+        members = [(key.casefold().strip().replace(" ", "_"), member) for key, member in value]
         if not are_sets:
             yield from _named_pairs(members)
-        for name, member in members:
-            yield from _pairs_in_member(name, member, are_sets=are_sets)
+        for key, member in members:
+            yield from _pairs_in_value(member, key, are_sets=are_sets)
+    elif isinstance(value, str) and (is_answer or name in _CALL_KEYS):
+        values = [nested for _, nested in _json_values(value[:_LONGEST])]
+        for nested in values:
+            yield from _pairs_in_value(nested, are_sets=are_sets)
+        if is_answer and not values:
+            yield value
     elif isinstance(value, list):
-        items = [_item(member) for member in value]
-        if all(items) and (len(items) == 2 or (are_sets and len(items) > 2)):
-            yield " + ".join(items)
-        elif len(value) == 1 and isinstance(value[0], str):
-            yield value[0]
-        else:
-            for member in value:
-                if isinstance(member, _Pairs):
-                    yield from _pairs_in_value(member, are_sets=are_sets)
+        # The calls of a message; other lists of texts, such as the table, are no answers.
+        entries = [entry for entry in value if is_answer or isinstance(entry, _Pairs)]
+        yield from _pairs_in_list(entries, are_sets=are_sets)
+
+
+def _pairs_in_list(entries: Sequence[Any], *, are_sets: bool) -> Iterator[str]:
+    """Yield the items in a JSON list as a pair or set, or the pairs in its objects."""
+    items = [_item(entry) for entry in entries]
+    if all(items) and (len(items) == 2 or (are_sets and len(items) > 2)):
+        yield " + ".join(items)
+    elif len(entries) == 1 and isinstance(entries[0], str):
+        yield entries[0]
+    else:
+        for entry in entries:
+            if isinstance(entry, _Pairs):
+                yield from _pairs_in_value(entry, are_sets=are_sets)
 
 
 def _named_pairs(members: Sequence[tuple[str, Any]]) -> Iterator[str]:
@@ -603,23 +619,6 @@ def _named_pairs(members: Sequence[tuple[str, Any]]) -> Iterator[str]:
         for first, second in product(firsts, seconds):
             if first and second:
                 yield f"{first} + {second}"
-
-
-def _pairs_in_member(name: str, member: Any, *, are_sets: bool = False) -> Iterator[str]:
-    """Yield the pairs in a member of a JSON object: an answer, or an object or list of objects."""
-    is_answer = name in _ANSWER_KEYS
-    if isinstance(member, str):
-        if is_answer or name in _CALL_KEYS:
-            values = [value for _, value in _json_values(member[:_LONGEST])]
-            for value in values:
-                yield from _pairs_in_value(value, are_sets=are_sets)
-            if is_answer and not values:
-                yield member
-        return
-    if isinstance(member, list) and not (is_answer or isinstance(member, _Pairs)):
-        # The calls of a message; other lists of texts, such as the table, are no answers.
-        member = [call for call in member if isinstance(call, _Pairs)]
-    yield from _pairs_in_value(member, are_sets=are_sets)
 
 
 def _item(value: Any) -> str:

@@ -579,16 +579,16 @@ class ZipArchive:
                 raise self._refuse(entry.filename, "has no name of its own")
             self.members[entry.filename] = entry
 
-    def check(self, name: str, largest: int) -> None:
-        """Check what the archive's list says of a member, before anything is unpacked.
+    def read(self, name: str, largest: int) -> bytes:
+        """Return a member's bytes, after a check of what the archive's list says of the member.
 
         Args:
             name: exact name of the member.
             largest: limit of its size after unpacking, in bytes.
 
         Raises:
-            WordCraftKGError: if the archive lacks the member, or if the member is too large, or
-                compressed by another method than deflate.
+            WordCraftKGError: if the archive lacks the member, or if the member is damaged, too
+                large, or compressed by another method than deflate.
         """
         if name not in self.members:
             raise self._refuse(name, "is missing")
@@ -602,19 +602,6 @@ class ZipArchive:
             raise self._refuse(name, f"has {entry.file_size:,} bytes; the limit is {largest:,}")
         if entry.file_size > most_unpacked(entry.compress_size):
             raise self._refuse(name, f"expands more than {MAX_RATIO} times")
-
-    def read(self, name: str, largest: int) -> bytes:
-        """Return a member's bytes.
-
-        Args:
-            name: exact name of the member.
-            largest: limit of its size, in bytes.
-
-        Raises:
-            WordCraftKGError: if the member is damaged, and see :meth:`check`.
-        """
-        self.check(name, largest)
-        entry = self.members[name]
         with damage_as(self._error, f"{self.path}, member {name[:80]!r},"):
             with self._file.open(entry) as member:
                 # Without a number, zipfile unpacks everything before it looks at the size.

@@ -261,14 +261,11 @@ def check_plugins(needed: Mapping[str, str], folder: Path) -> None:
     """
     loaded = {plugin.name: plugin.sha256 for plugin in _LOADED.values()}
     missing = {name: needed[name] for name in needed if needed[name] not in loaded.values()}
-    for name, sha256 in missing.items():
-        if name in loaded:
-            raise NotRegisteredError(
-                f"'{folder}' was made with another plugin '{name}': expected SHA-256 {sha256}, "
-                f"found {loaded[name]}. Restore that file, or train into another folder."
-            )
     if missing:
-        files = " and ".join(f"'{name}' with SHA-256 {missing[name]}" for name in missing)
+        files = " and ".join(
+            f"'{name}' with SHA-256 {sha256} (found: {loaded.get(name, 'none of this name')})"
+            for name, sha256 in missing.items()
+        )
         options = shlex.join(word for name in missing for word in ("--plugin", name))
         raise NotRegisteredError(
             f"'{folder}' needs the plugin {files}. No plugin is loaded by itself: read what you "

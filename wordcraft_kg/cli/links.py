@@ -292,8 +292,6 @@ def score(
     entities = frozenset(loaded.scorer.entities)
     if queries is None:
         query_list = [parse_query(words, entities)]
-        if new_only and not query_list[0].is_open:
-            raise _no_ranking()
     else:
         query_list = read_queries(queries, entities)
         check_file_query(loaded.scorer, query_list[0])
@@ -328,19 +326,13 @@ def _scored_set(
 
     model = open_suggesting(folder, graph)
     query = SetQuery.parse(words, frozenset(model.opened.graph.entities))
+    if query.ingredients and new_only:
+        raise ConfigError("`new_only` filters a ranking; leave a slot open.")
     if query.ingredients:
-        if new_only:
-            raise _no_ranking()
         view = score_set(model, query)
     else:
         view = suggest_sets(model, query.result, top, size=query.size, new_only=new_only)
     return view, list(suggestion_lines(view))
-
-
-def _no_ranking() -> ConfigError:
-    return ConfigError(
-        "--new-only filters a ranking; leave a slot open, or give a query file with --in."
-    )
 
 
 def _check_query(words: list[str], *, file: Path | None, out: Path | None) -> None:

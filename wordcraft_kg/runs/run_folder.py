@@ -368,8 +368,6 @@ def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
         OutputExistsError: if the folder is a device, or a link that leads nowhere.
     """
     folder = output_target(with_a_name(folder))
-    # The lock needs a folder: a missing one, or one that is no run, gets the record's error.
-    kind.read_record(folder)
     with locked(folder):
         # Under the lock, the record cannot change.
         record = kind.read_record(folder)

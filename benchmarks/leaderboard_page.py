@@ -8,6 +8,7 @@ nothing is written, and the script fails if the page would change.
 
 import argparse
 import json
+import re
 import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
@@ -29,7 +30,7 @@ from wordcraft_kg.apps.text_agents.submission import (
 from wordcraft_kg.base.artefacts import output_target, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError
 from wordcraft_kg.base.progress import steps
-from wordcraft_kg.base.wording import counted, for_markdown, look_alike_key
+from wordcraft_kg.base.wording import counted, for_terminal, look_alike_key
 
 REFERENCES = {"oracle": "oracle", "random": "chance"}
 """Kinds of players that are lines of reference, without a rank, and their names above a table."""
@@ -43,6 +44,33 @@ SENSIBLE = 0.98
 _TWIN = "‡"
 _HASH = 8
 """Shown characters of a hash."""
+# All characters that begin a construct of Markdown inside a line or a table. The pipe ends a cell,
+# even inside code. Some dialects turn bare addresses into links, so the colon of `http://` and the
+# point of `example.org` are among them.
+_MARKDOWN = re.compile(r"[\\`*_{}\[\]<>#|&~!$^@=]|(?<=[A-Za-z]):(?=//)|(?<=\w)\.(?=[^\W\d])")
+# At the beginning of a line, these make a list, a rule, a heading or a definition.
+_MARKDOWN_START = re.compile(r"^(\s*)([-+:]|\d+[.)])")
+
+
+def for_markdown(text: str) -> str:
+    """Return a text for a cell or a line of Markdown.
+
+    No link, image, heading, code or further cell comes from it.
+
+    Character references are used in place of backslashes, because all dialects show them as plain
+    text, even in tables.
+
+    Example:
+        >>> for_markdown("[x](javascript:0) | a_b")
+        '&#91;x&#93;(javascript:0) &#124; a&#95;b'
+    """
+    inline = _MARKDOWN.sub(_as_references, for_terminal(text))
+    return _MARKDOWN_START.sub(lambda match: match[1] + _as_references(match[2]), inline)
+
+
+def _as_references(match: re.Match[str] | str) -> str:
+    marks = match if isinstance(match, str) else match[0]
+    return "".join(mark if mark.isdigit() else f"&#{ord(mark)};" for mark in marks)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 from importlib.resources import files
 from pathlib import Path
 
@@ -12,10 +13,12 @@ from wordcraft_kg.base.wording import (
     for_file,
     for_html,
     for_json,
-    for_markdown,
     for_terminal,
     look_alike_key,
 )
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+from leaderboard_page import for_markdown
 
 pytest.importorskip("linkify_it")  # for MarkdownIt("gfm-like")
 from markdown_it import MarkdownIt

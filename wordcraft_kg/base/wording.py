@@ -89,12 +89,6 @@ _HIDDEN = re.compile(
     f"\ud800-\udfff\U000e0000-\U000e007f{_BIDI}]"
 )
 _BIDI_MARK = re.compile(f"[{_BIDI}]")
-# All characters that begin a construct of Markdown inside a line or a table. The pipe ends a cell,
-# even inside code. Some dialects turn bare addresses into links, so the colon of `http://` and the
-# point of `example.org` are among them.
-_MARKDOWN = re.compile(r"[\\`*_{}\[\]<>#|&~!$^@=]|(?<=[A-Za-z]):(?=//)|(?<=\w)\.(?=[^\W\d])")
-# At the beginning of a line, these make a list, a rule, a heading or a definition.
-_MARKDOWN_START = re.compile(r"^(\s*)([-+:]|\d+[.)])")
 # Not printed raw by --json: JSON itself escapes only the first 32 characters.
 _JSON = re.compile(f"[\x7f-\x9f\u2028\u2029\ud800-\udfff{_BIDI}]")
 
@@ -111,22 +105,6 @@ def for_terminal(text: str) -> str:
         'mine<U+001B>[2J<U+000A>verified'
     """
     return _HIDDEN.sub(_code, text)
-
-
-def for_markdown(text: str) -> str:
-    """Return a text for a cell or a line of Markdown.
-
-    No link, image, heading, code or further cell comes from it.
-
-    Character references are used in place of backslashes, because all dialects show them as plain
-    text, even in tables.
-
-    Example:
-        >>> for_markdown("[x](javascript:0) | a_b")
-        '&#91;x&#93;(javascript:0) &#124; a&#95;b'
-    """
-    inline = _MARKDOWN.sub(_references, for_terminal(text))
-    return _MARKDOWN_START.sub(lambda match: match[1] + _references(match[2]), inline)
 
 
 def for_html(text: object) -> "Markup":
@@ -167,11 +145,6 @@ def for_json(dumped: str) -> str:
 def _code(match: re.Match[str]) -> str:
     """Return the code that stands for a character, such as ``<U+001B>``."""
     return f"<U+{ord(match[0]):04X}>"
-
-
-def _references(found: re.Match[str] | str) -> str:
-    marks = found if isinstance(found, str) else found[0]
-    return "".join(mark if mark.isdigit() else f"&#{ord(mark)};" for mark in marks)
 
 
 # Letters of other scripts, and digits, that look like a Latin letter in common fonts: the frequent

@@ -393,28 +393,29 @@ def lines_of_build(view: Audit) -> Iterator[str]:
 
 
 def _warn(audited: Audit, labels: Sequence[str]) -> None:
-    for warning in _warnings(audited, labels):
-        logging.getLogger(__name__).warning("%s", warning)
-
-
-def _warnings(audited: Audit, labels: Sequence[str]) -> Iterator[str]:
-    """Yield warnings about base, unreachable entities, and labels that may be slips."""
+    """Warn about the base, unreachable entities, and labels that may be slips."""
+    warn = logging.getLogger(__name__).warning
     base = listed([*map(quoted, audited.base)])
     remedy = "Name the base in the book (# base: a, b) or with build-graph --base."
     # Everything else is counted from the base, so a wrong guess spoils all numbers.
     if not audited.base:
-        yield (
-            "no entity lacks a recipe, so no base can be inferred and nothing can be made. "
-            f"{remedy}"
+        warn(
+            "no entity lacks a recipe, so no base can be inferred and nothing can be made. %s",
+            remedy,
         )
     elif audited.base_is_inferred:
         entities = counted(len(audited.base), "entity", "entities")
-        yield f"no base is named, so the base is the {entities} without a recipe: {base}. {remedy}"
+        warn(
+            "no base is named, so the base is the %s without a recipe: %s. %s",
+            entities,
+            base,
+            remedy,
+        )
     unreachable = audited.reachability.unreachable
     if audited.base and unreachable:
         names = listed([*map(quoted, audited.reachability.unreachable_entities)], total=unreachable)
         number = f"{unreachable:,} of {audited.entities:,}"
-        yield f"{number} entities cannot be made from the base ({base}): {names}"
+        warn("%s entities cannot be made from the base (%s): %s", number, base, names)
     # A chat bot lists results as Lava and ingredients as lava: then half of the recipes are out of
     # reach, and nothing else names the cause.
     variants = case_variants(labels)
@@ -423,13 +424,14 @@ def _warnings(audited: Audit, labels: Sequence[str]) -> Iterator[str]:
         if len(variants) == 1:
             number = "2 labels differ"
         shown = listed([" and ".join(map(quoted, group)) for group in variants])
-        yield (
-            f"{number} only in case: {shown}. If they are the same thing, read the book with "
-            "--case fold."
+        warn(
+            "%s only in case: %s. If they are the same thing, read the book with --case fold.",
+            number,
+            shown,
         )
     # Labels that often stand for nothing, such as NA, and are entities.
     for note in note_of_missing(labels):
-        yield f"{note}; leave such rows out where they mean a missing value or no result."
+        warn("%s; leave such rows out where they mean a missing value or no result.", note)
 
 
 def _entity_text(view: EntityView) -> Iterator[str]:

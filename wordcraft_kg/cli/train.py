@@ -1,7 +1,6 @@
 """The training commands: train with one seed or several, and print the outcome."""
 
 import logging
-import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +23,6 @@ from wordcraft_kg.graphs import TaskPart, describe_train_sample, open_graph
 from wordcraft_kg.models.links.link_config import ComplExConfig, LinkModelConfig, LinksConfig
 from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.scorers.features import ENCODE
 from wordcraft_kg.runs.record import RUN_FILE
 from wordcraft_kg.runs.run_folder import interruption_message
 from wordcraft_kg.runs.training import Training, train
@@ -306,22 +304,12 @@ def _recipe_rows(trained: "TrainedRecipes") -> Rows:
     metrics = trained.metrics
     if isinstance(metrics, SetMetrics):
         return list(metrics.facts().items())
-    rows = [
+    return [
         ("learned", f"{metrics.recipes:,} recipes ({metrics.kg} graph) in {metrics.seconds:.1f} s"),
         *_learned_from(metrics),
         *(("with", describe_source(source)) for source in metrics.outside),
         *_ranks(metrics, metrics.fold_in_sample_mrr),
     ]
-    config = RecipesConfig.read(trained.folder)
-    # Only who has not chosen the words gets advice on them.
-    if (config.settings.features, metrics.features) == ("auto", "glove"):
-        command = ENCODE.replace("GRAPH", shlex.quote(str(config.graph)))
-        effect = (
-            "a sentence encoder raised success with new goals from .53 to .61 "
-            "on the built-in book everyday"
-        )
-        rows.append(("words", f"glove; {effect}: {command}, then --features"))
-    return rows
 
 
 def _agent_rows(trained: "TrainedAgent") -> Rows:

@@ -141,9 +141,6 @@ def evaluate_agent(
             file or known book's name for scripted players.
     """
     check_table(table)
-    whole("limit", played.limit, 1, MAX_SIZE)
-    if played.distractor_seeds is not None:
-        whole("distractor_seeds", played.distractor_seeds, 1, MAX_SIZE)
     if Path(run).is_dir() and not (Path(run) / "graph.json").is_file():
         refuse_given(scripted, f"scripted players on a graph, and '{run}' is not a graph")
         from wordcraft_kg.agents.agent_folder import open_agent

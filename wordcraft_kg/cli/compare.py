@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 from msgspec.structs import replace
 
-from wordcraft_kg.base import MAX_SIZE, ConfigError, check_output, whole
+from wordcraft_kg.base import ConfigError, check_output
 from wordcraft_kg.cli.console import (
     Output,
     check_file,
@@ -106,8 +106,6 @@ def _compare_agents(
     from wordcraft_kg.reports.agent_report import make_agent_report
     from wordcraft_kg.reports.pages import write_report
 
-    if options.distractor_seeds is not None:
-        whole("distractor_seeds", options.distractor_seeds, 1, MAX_SIZE)
     amounts = whole_numbers("distractors", options.distractors) if options.distractors else None
     groups = group_agents([open_agent(folder, graph) for folder in runs])
     folder = out or Path("reports") / "-and-".join(groups)
@@ -138,7 +136,7 @@ def rows_of_agents(view: "AgentsView") -> list[dict[str, Any]]:
     rows = []
     for amount in view.distractors:
         for agent in by_success(view, amount):
-            row = {"agent": agent.name, "distractors": amount}
+            row: dict[str, Any] = {"agent": agent.name, "distractors": amount}
             # Some agents play with their training's number alone.
             success = agent.success.get(str(amount))
             if success is not None:

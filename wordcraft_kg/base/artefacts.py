@@ -391,7 +391,6 @@ def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
     """
     check_output(out, force=force)
     with _staged(out, force=force) as staging:
-        staging.mkdir()
         yield staging
 
 
@@ -405,7 +404,8 @@ def staged_file(out: Path, *, force: bool = False) -> Iterator[Path]:
         OutputExistsError: see :func:`check_output_file`.
     """
     check_output_file(out, force=force)
-    with _staged(out, force=force) as staging:
+    # The name as given: formats and titles come from it.
+    with _staged(out, with_a_name(out).name, force=force) as staging:
         yield staging
 
 
@@ -447,10 +447,16 @@ def made_folder(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _staged(out: Path, *, force: bool) -> Iterator[Path]:
-    """Yield a path in a temporary folder beside ``out``; what is there in the end becomes ``out``.
+def _staged(out: Path, name: str = "", *, force: bool) -> Iterator[Path]:
+    """Yield a temporary folder beside ``out``, or a file there, which becomes ``out`` in the end.
 
     An earlier ``out`` is moved aside and restored after a failure.
+
+    Args:
+        out: file or folder to write.
+        name: name of the file in the temporary folder; empty for the folder itself, in which
+            relative paths lead to the same places as in ``out``.
+        force: whether an existing ``out`` is replaced.
 
     Raises:
         OutputExistsError: if another process has written ``out`` since it was checked.
@@ -458,16 +464,15 @@ def _staged(out: Path, *, force: bool) -> Iterator[Path]:
     target = output_target(out)
     with made_folder(target.parent):
         temporary = _beside(target)
+        earlier = _beside(target)
         temporary.mkdir()
         try:
-            # The name as given: formats and titles come from it.
-            staged = temporary / with_a_name(out).name
+            staged = temporary / name
             yield staged
             if target.exists() and not force:
                 raise _written_meanwhile(out)
-            # A rename replaces a file, but no folder with content.
-            earlier = temporary / f"{staged.name}.earlier"
             try:
+                # A rename replaces a file, but no folder with content.
                 if target.is_dir():
                     os.rename(target, earlier)
                 os.replace(staged, target)
@@ -479,6 +484,7 @@ def _staged(out: Path, *, force: bool) -> Iterator[Path]:
                 raise
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
+            shutil.rmtree(earlier, ignore_errors=True)
 
 
 def _written_meanwhile(out: Path) -> OutputExistsError:

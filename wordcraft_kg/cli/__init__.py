@@ -23,6 +23,7 @@ changed.
 """
 
 import gc
+import json
 import os
 import re
 import sys
@@ -325,7 +326,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     output = Output(json="--json" in tokens)
     try:
         for token in tokens:
-            _check_text(token, repr(token))
+            _check_text(token)
         for plugin in plugins:
             load_plugin(plugin)
         command, bound, _ = make_app().parse_args(tokens, print_error=False, exit_on_error=False)
@@ -370,22 +371,16 @@ def _close_stdout() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _check_text(value: Any, where: str) -> None:
+def _check_text(text: str) -> None:
     """Refuse text that no file name or record may hold: not UTF-8, or with a NUL character."""
-    if isinstance(value, dict):
-        value = list(value.values())
-    if isinstance(value, list):
-        for item in value:
-            _check_text(item, where)
-    elif isinstance(value, str):
-        if "\0" in value:
-            raise ConfigError(f"{where}: {value!r} holds a NUL character. Remove this character.")
-        try:
-            value.encode()
-        except UnicodeEncodeError:
-            raise ConfigError(
-                f"{value!r} is not UTF-8. Rename the file or folder, or correct the text."
-            ) from None
+    if "\0" in text:
+        raise ConfigError(f"{text!r} holds a NUL character. Remove this character.")
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise ConfigError(
+            f"{text!r} is not UTF-8. Rename the file or folder, or correct the text."
+        ) from None
 
 
 def _configure(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
@@ -428,7 +423,9 @@ def _read_toml(path: str, command: str) -> dict[str, Any]:
         content = tomllib.loads(read_small_file(Path(path)).decode())
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise ConfigError(f"--config {path}: not a TOML file ({error}).") from None
-    _check_text(content, f"--config {path}")
+    # JSON's escape, wherever the text is.
+    if r"\u0000" in json.dumps(content, default=str):
+        raise ConfigError(f"--config {path}: a text holds a NUL character. Remove this character.")
     # A command of two words has a table in a table: [people.serve].
     options: Any = content
     for word in command.split():

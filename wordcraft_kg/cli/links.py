@@ -194,12 +194,14 @@ def _rows_of_evaluation(view: "LinkView") -> list[dict[str, Any]]:
     tables += [(baseline, "all", parts["all"]) for baseline, parts in view.baselines.items()]
     if not view.model.has_seen_the_test_recipes:
         # Recipes that do not nearly repeat a train recipe.
-        is_other = "no such train recipe"
-        slices = [row for row in view.drill_down.near_synonyms if row.slice == is_other]
-        tables += [(name, "no near-synonym", row) for row in slices]
+        tables += [
+            (name, "no near-synonym", row)
+            for row in view.drill_down.near_synonyms
+            if row.slice == "no such train recipe"
+        ]
         tables += [(name, row.slice, row) for row in view.drill_down.other_book]
         if view.leaked_left_out and view.model.kg != "none":
-            tables.append((name, "with leaked", view.with_leaked))
+            tables.append((name, "with leaked, which training contains", view.with_leaked))
     return [
         {
             "model": model,

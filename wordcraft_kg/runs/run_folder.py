@@ -26,6 +26,7 @@ from wordcraft_kg.base.artefacts import (
     made_folder,
     output_target,
     sha256_of,
+    what_is,
     with_a_name,
     write_atomically,
 )
@@ -130,6 +131,18 @@ class RunKind(Generic[P]):
     unit: str
     progress: type[P]
     saved_as: tuple[str, ...] = ()
+
+    def read_record(self, folder: Path) -> RunRecord:
+        """Read the run record in a folder.
+
+        Raises:
+            ArtefactError: if it is missing or damaged, or the run has another kind.
+        """
+        expected = f"a run of {' or '.join(self.commands)}"
+        record = read_run(folder, expected)
+        if record.kind not in self.commands:
+            raise ArtefactError(f"'{folder}' {what_is(folder)}; expected {expected}.")
+        return record
 
     def checkpoints(self, folder: Path) -> Checkpoints[P]:
         """Return an object that saves and loads the checkpoints in a run folder."""
@@ -350,13 +363,14 @@ def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
     """Lock and yield the folder of an unfinished run.
 
     Raises:
-        ArtefactError: if the run is done or damaged, or another process is training in the folder.
+        ArtefactError: if the run is done, damaged or of another kind, or another process is
+            training in the folder.
         OutputExistsError: if the folder is a device, or a link that leads nowhere.
     """
     folder = output_target(with_a_name(folder))
     with locked(folder):
         # Under the lock, the record cannot change.
-        record = read_run(folder)
+        record = kind.read_record(folder)
         if record.status == "done":
             raise ArtefactError(
                 f"'{folder}' is finished and cannot be resumed. Choose an unfinished run."

@@ -183,15 +183,22 @@ def run_training(
     text: list[str] = []
     # One by one: each seed's report is there before the next training begins.
     for name, seed_config in configs.items():
-        trained = train(
-            trainer,
-            seed_config,
-            out and out / name,
-            force=force,
-            keep=is_kept,
-            trackers=split_labels(track or ()),
-            progress=output.progress(name or trainer.kind.name, unit=trainer.kind.unit),
-        )
+        try:
+            trained = train(
+                trainer,
+                seed_config,
+                out and out / name,
+                force=force,
+                keep=is_kept,
+                trackers=split_labels(track or ()),
+                progress=output.progress(name or trainer.kind.name, unit=trainer.kind.unit),
+            )
+        except KeyboardInterrupt as stop:
+            done = (
+                f"{len(values)} of {len(configs)} seeds are done" if values else "nothing is kept"
+            )
+            # Without a message, this seed has no checkpoint.
+            raise KeyboardInterrupt(str(stop) or f"interrupted; {done}") from None
         # The training of a recipe scorer raises by itself, and its outcome has no such attribute.
         if getattr(trained, "interrupted", False):
             last = next(iter(trainer.kind.checkpoints(trained.folder).records()))

@@ -90,7 +90,7 @@ def hidden_pairs(game: Game) -> set[int]:
     # Rounds of crafting until an ingredient can be at hand; -1 if it never can. Shape (R, S).
     # The padding of smaller sets is always at hand.
     rounds = np.append(layers(graph, game.start, usable), 0)[graph.sets[goal_rows, :-1]]
-    in_time = ((rounds >= 0) & (rounds < game.attempts)).all(axis=1)
+    in_time = ((rounds >= 0) & (rounds < game.world.config.attempts)).all(axis=1)
     rows = goal_rows[in_time].tolist()
     for plan in game.tasks.plans[game.task]:
         rows += plan

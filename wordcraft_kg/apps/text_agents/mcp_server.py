@@ -6,6 +6,7 @@ id for each game, which every other tool takes.
 
 import copy
 import hashlib
+import itertools
 import json
 import logging
 import secrets
@@ -95,12 +96,13 @@ class HostedGames:
         self._most = most
         self.keep: Callable[[Conversation], None] = lambda talk: talk.messages.clear()
         self._begun: set[tuple[int, int]] = set()
+        self._numbers = itertools.count()
         self._hosted: OrderedDict[str, Conversation] = OrderedDict()
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> Conversation:
         """Begin a game, see :meth:`Play.begin`.
 
-        On a track each game can be begun once, and open-ended games come in turn. If there are too
+        On a track each game can be begun once; open-ended games come in turn. If there are too
         many games, end and forget a game: finished games first, then the least recent.
 
         Raises:
@@ -109,8 +111,8 @@ class HostedGames:
                 be recorded.
         """
         settings = self.play.settings
-        if settings.track and settings.is_open_ended:
-            distractor_seed = len(self._begun)
+        if settings.is_open_ended:
+            distractor_seed = next(self._numbers)
         key = (task, distractor_seed)
         # Who begins a game again knows it, and could pick the better result.
         if settings.track and (key in self._begun or distractor_seed >= settings.distractor_seeds):
@@ -123,7 +125,8 @@ class HostedGames:
         # Tools say by their schemas how to answer.
         talk.messages = [f"{talk.game.rules}\n\n{talk.game.state}"]
         talk.on_end = self.keep
-        self._begun.add(key)
+        if settings.track:
+            self._begun.add(key)
         if len(self._hosted) >= self._most:
             # `min` takes the first of equals, the least recent one: `game` moves ids to the end.
             oldest = min(self._hosted, key=lambda name: not self._hosted[name].is_over)

@@ -371,12 +371,11 @@ class DiscoveryGames(Play):
     def game(self, task: int = 0, distractor_seed: int = 0) -> DiscoveryGame:  # noqa: D102
         # The discovery changes with every attempt, so each game has its own.
         discovery = copy.copy(self.discovery)
-        number = None
         if self._orders:
             number = whole("game", distractor_seed, 0, len(self._orders) - 1)
             discovery.base = self._orders[number]
         discovery.restart()
-        return DiscoveryGame(self._graph, discovery, self.settings.attempts, number)
+        return DiscoveryGame(self._graph, discovery, self.settings.attempts, distractor_seed)
 
 
 _PLAYS_IN_MEMORY = 32

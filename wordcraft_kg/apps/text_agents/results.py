@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -198,13 +198,8 @@ def _check_header(path: Path, stored: GamesHeader, header: GamesHeader) -> None:
             )
 
 
-def record_of(talk: Conversation, number: int = 0) -> GameRecord:
-    """Return the record of the finished game in a conversation.
-
-    Args:
-        talk: the conversation.
-        number: number of an open-ended game; a track's own number wins.
-    """
+def record_of(talk: Conversation) -> GameRecord:
+    """Return the record of the finished game in a conversation."""
     game = talk.game
     counts = {name: getattr(talk, name) for name in COUNTS}
     # A record is written whatever the player says: a game without one could be played again.
@@ -212,7 +207,7 @@ def record_of(talk: Conversation, number: int = 0) -> GameRecord:
     pairs = tuple(game.pairs)
     if isinstance(game, DiscoveryGame):
         return GameRecord(
-            distractor_seed=number if game.number is None else game.number,
+            distractor_seed=game.number,
             known_after=tuple(game.known_after),
             repeated=game.repeated,
             messages=messages,
@@ -243,13 +238,11 @@ def _termination_of(game: TaskGame) -> TerminationReason:
     last = game.pairs[-1] if game.pairs else None
     if last is None:
         return "no_recipe"
-    # The ingredients of each plan's last step, which makes the goal.
-    parts: set[str] = set()
-    for plan in game.tasks[game.task].plans:
-        parts.update(plan[-1].ingredients)
     if len(set(last)) == 1 < len(last):
         return "same_twice"
-    if parts.intersection(last):
+    # The last step of each plan makes the goal.
+    parts = chain.from_iterable(plan[-1].ingredients for plan in game.tasks[game.task].plans)
+    if {*parts} & {*last}:
         return "one_right_part"
     picks = tuple(sorted(map(game.graph.id_of, last)))
     return "no_right_part" if picks in game.world.outcomes else "no_recipe"
@@ -258,10 +251,9 @@ def _termination_of(game: TaskGame) -> TerminationReason:
 class GamesWriter:
     """A file to which a server appends finished games, in the order in which they end."""
 
-    def __init__(self, path: Path, count: int):
-        """Bind the file, which is locked and has ``count`` games."""
+    def __init__(self, path: Path):
+        """Bind the file, which is locked."""
         self._path = path
-        self._count = count
         self._waiting: list[GameRecord] = []
 
     def __call__(self, talk: Conversation) -> None:
@@ -272,8 +264,7 @@ class GamesWriter:
         """
         # Without messages it was recorded before.
         if talk.messages:
-            self._waiting.append(record_of(talk, self._count))
-            self._count += 1
+            self._waiting.append(record_of(talk))
             talk.messages.clear()
         self.save()
 
@@ -309,7 +300,8 @@ def games_writer(path: Path, header: GamesHeader) -> Iterator[GamesWriter]:
         # No device, folder or broken link: records are appended for as long as the server runs.
         check_file(path)
         with locked(path, "written"):
-            writer = GamesWriter(path, len(open_games(path, header)))
+            open_games(path, header)
+            writer = GamesWriter(path)
             try:
                 yield writer
             finally:
@@ -449,9 +441,9 @@ def play_all(
             del missing[key]
 
         def play_game(task_and_seed: tuple[int, int]) -> GameRecord:
-            conversation = play.begin(*task_and_seed)
-            converse(conversation, player.speaker(conversation))
-            return record_of(conversation, task_and_seed[1])
+            talk = play.begin(*task_and_seed)
+            converse(talk, player.speaker(talk))
+            return record_of(talk)
 
         for record in _in_turn(play_game, list(missing), parallel):
             played.append(record)

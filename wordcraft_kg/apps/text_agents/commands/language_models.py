@@ -194,15 +194,8 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
         raise ConfigError(
             "--json: stdout is reserved for the protocol; omit --json, or add --transport http."
         )
-    if track is not None:
-        has_own_games = settings != GameSettings(knowledge=settings.knowledge)
-        if graph != "everyday" or has_own_games:
-            raise ConfigError(
-                "--track has its own games; omit the graph and the options of games "
-                "but --knowledge."
-            )
     check_extra("mcp")
-    from wordcraft_kg.apps.text_agents import benchmark, conversation, mcp_server, plays, results
+    from wordcraft_kg.apps.text_agents import benchmark, conversation, mcp_server, results
     from wordcraft_kg.apps.web.serving import listen, serve
 
     with ExitStack() as stack:
@@ -211,12 +204,7 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
         if transport == "http":
             listening = stack.enter_context(listen(host, port))
         # Tools reject an invalid call, and the client asks again; so it never costs an attempt.
-        if track:
-            play = benchmark.open_track(track).play(
-                settings.knowledge, max_invalid=conversation.NEVER
-            )
-        else:
-            play = plays.Play.open(graph, settings, max_invalid=conversation.NEVER)
+        play = benchmark.open_games(graph, settings, track, max_invalid=conversation.NEVER)
         hosted = mcp_server.HostedGames(play)
         if out is not None:
             header = results.GamesHeader(player="MCP clients", settings=hosted.play.settings)

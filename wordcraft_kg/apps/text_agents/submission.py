@@ -80,11 +80,12 @@ LONGEST_FILE_NAME = 255
 # Declared texts are letters and digits of any script, with common punctuation. Refused are
 # characters that mark up text or columns (angle brackets, bars, backquotes, backslashes), addresses
 # of mail, control and invisible characters, and the page's own daggers.
-_PATTERN = (
-    "^[^\\u0000-\\u001f\\u007f-\\u00a0\\u00ad\\u034f\\u061c\\u115f\\u1160\\u1680\\u17b4\\u17b5"
+_REFUSED = (
+    "\\u0000-\\u001f\\u007f-\\u00a0\\u00ad\\u034f\\u061c\\u115f\\u1160\\u1680\\u17b4\\u17b5"
     "\\u180e\\u2000-\\u200f\\u2020\\u2021\\u2028-\\u202f\\u205f-\\u206f\\u2800\\u3000\\u3164"
-    "\\ufe00-\\ufe0f\\ufeff\\uffa0\\ufff9-\\uffff<>|`\\\\@]+$"
+    "\\ufe00-\\ufe0f\\ufeff\\uffa0\\ufff9-\\uffff<>|`\\\\@"
 )
+_PATTERN = f"^[^{_REFUSED}]+$"
 # The pattern is for other programs: here, `check_declared` refuses the same texts in words.
 _SHOWN: Any = {"pattern": _PATTERN}
 _Name = Annotated[
@@ -534,9 +535,7 @@ def acceptable(text: str, longest: int = LONGEST_TEXT) -> str:
     A dash is in the place of refused characters; if this is not enough, the text is "not declared".
     A player's own name and folder give such texts, and must not stop a long evaluation at its end.
     """
-    # `^[^...]+$` allows other characters than these; `[...]` finds one of them.
-    pattern = _PATTERN.replace("[^", "[").replace("+$", "").removeprefix("^")
-    plain = re.sub(pattern, "-", text)
+    plain = re.sub(f"[{_REFUSED}]", "-", text)
     printable = "".join(char if char.isprintable() else "-" for char in plain).strip()[:longest]
     try:
         check_declared("text", printable, longest)

@@ -382,7 +382,6 @@ _PLAYS_IN_MEMORY = 32
 """Opened graphs with settings: more than a mixture of depths and numbers of distractors needs."""
 # At most nine digits: a text of digits could be a number of any size.
 _SEED = re.compile("[0-9]{1,9}")
-_PART = re.compile(r"-(?P<part>train|valid|test|all)-[0-9]+-[0-9]+-[0-9]+$")
 
 
 @lru_cache(maxsize=_PLAYS_IN_MEMORY)
@@ -528,19 +527,15 @@ class GameList:
         """Return the game with a name.
 
         Raises:
-            ConfigError: for another text, or a game that is not offered; a game of a part that is
-                not offered is refused by the name of the part.
+            ConfigError: for another text, or a game that is not offered.
         """
         task_name, _, seed = name.rpartition("-") if isinstance(name, str) else ("", "", "")
         if task_name in self._by_task and _SEED.fullmatch(seed):
             return replace(self._by_task[task_name], distractor_seed=int(seed))
-        if part := _PART.search(task_name):
-            # This raises the error for a part that is not offered.
-            self._of_part(part["part"])
         example = self.at(next(iter(self.plays)), 0).name
         raise ConfigError(
-            f"`task_id` {_shown(name)} is no game of this server; expected a graph, a depth, a "
-            f"number of distractors and a task that it has, such as '{example}'."
+            f"`task_id` {_shown(name)} is no game of this server; expected a graph, a part, a "
+            f"depth, a number of distractors and a task that it has, such as '{example}'."
         )
 
     def _of_part(self, part: Any) -> list[NamedGame]:

@@ -4,7 +4,7 @@ from itertools import product
 
 import pytest
 
-from tests.apps.text_agents.scripted import PLAYERS, assert_same, picks_of
+from tests.apps.text_agents.scripted import PLAYERS, assert_same, converse, picks_of
 from wordcraft_kg import RecipeGraph, SplitConfig, WordCraftConfig, World, make_split
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import recipe_oracle
@@ -12,7 +12,6 @@ from wordcraft_kg.apps.text_agents.conversation import (
     Conversation,
     PartialGraphKnowledge,
     ScorerKnowledge,
-    converse,
     hidden_pairs,
 )
 from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, GameList, TaskGames, open_play

@@ -6,7 +6,7 @@ OpenEnv, TRL, Gymnasium or Inspect.
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -394,7 +394,11 @@ class Conversation:
             OSError: if the game is over now, and cannot be recorded.
         """
         shown_items = [item[:LONGEST_ITEM] for item in items[:MOST_ITEMS]]
-        return self._answer(" + ".join(shown_items), lambda: self._combine(shown_items))
+        at_hand = self.game.labels
+        return self._answer(
+            " + ".join(shown_items),
+            lambda: self.game.combine(*(read_label(item, at_hand) for item in shown_items)),
+        )
 
     def look_up_item(self, item: str) -> str:
         """Look up an item by label, as a tool does; returns the reply as :meth:`combine`."""
@@ -440,10 +444,6 @@ class Conversation:
         self._report_end()
         return reply
 
-    def _combine(self, items: Sequence[str]) -> str:
-        at_hand = self.game.labels
-        return self.game.combine(*(read_label(item, at_hand) for item in items))
-
     def _act(self, message: str) -> str:
         """Carry out the attempt or look-up in a message; ActionError if there is none."""
         line = answer_line(message, self.game.labels)
@@ -484,18 +484,3 @@ class Conversation:
         self.lost_attempts += 1
         self._in_a_row = 0
         return prompt_text("attempt_lost", reason=reason)
-
-
-def converse(talk: Conversation, answer: Callable[[str], str]) -> list[str]:
-    """Let a player play a game to its end.
-
-    Args:
-        talk: the conversation at its beginning.
-        answer: the player: a function from a prompt to an answer.
-
-    Returns:
-        All messages, prompts and answers in turn; the last one is the outcome.
-    """
-    while not talk.is_over:
-        talk.hear(answer(talk.messages[-1]))
-    return talk.messages

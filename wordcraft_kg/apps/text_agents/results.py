@@ -18,7 +18,7 @@ import numpy as np
 
 from wordcraft_kg.agents.agent_records import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.agents.discovery import LATER_MARKS, MARKS
-from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
+from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TaskGame
 from wordcraft_kg.apps.text_agents.plays import Play, TaskGames, chosen_tasks
 from wordcraft_kg.apps.text_agents.settings import PlayedSettings
@@ -442,7 +442,8 @@ def play_all(
 
         def play_game(task_and_seed: tuple[int, int]) -> GameRecord:
             talk = play.begin(*task_and_seed)
-            converse(talk, player.speaker(talk))
+            while not talk.is_over:
+                talk.hear(player.answer(talk))
             return record_of(talk)
 
         for record in _in_turn(play_game, list(missing), parallel):

@@ -21,6 +21,7 @@ alone, and no message shows it. A redirection is refused, since it would carry t
 server.
 """
 
+import itertools
 import json
 import os
 import shlex
@@ -29,7 +30,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager, suppress
 from http.client import HTTPException
 from pathlib import Path
@@ -54,8 +55,8 @@ class TextPlayer(Protocol):
 
     name: str
 
-    def speaker(self, talk: Conversation) -> Callable[[str], str]:
-        """Begin a game: return a function from a prompt in this conversation to the answer."""
+    def answer(self, talk: Conversation) -> str:
+        """Return the answer to the last message of a game that is not over."""
 
 
 MOST_CHARACTERS = 100_000
@@ -167,27 +168,20 @@ class LinePlayer(AbstractContextManager["LinePlayer"]):
         self._process.kill()
         self._process.wait()
 
-    def speaker(self, talk: Conversation) -> Callable[[str], str]:
-        """Begin a game: return a function from a prompt in this conversation to the answer.
-
-        The function raises PlayerError as :meth:`ask`.
-        """
-        self._games += 1
-        number = self._games
-
-        def answer(prompt: str) -> str:
-            game = talk.game
-            line = {
-                "game": number,
-                "new": prompt == talk.opening,
-                "text": prompt,
-                "goal": game.goal,
-                "table": list(game.labels),
-                "attempts_left": game.attempts_left,
-            }
-            return self.ask(json.dumps(line, ensure_ascii=False))
-
-        return answer
+    def answer(self, talk: Conversation) -> str:
+        """Return the answer to the last message of a game; raises PlayerError as :meth:`ask`."""
+        is_new = len(talk.messages) == 1
+        self._games += is_new
+        game = talk.game
+        line = {
+            "game": self._games,
+            "new": is_new,
+            "text": talk.messages[-1],
+            "goal": game.goal,
+            "table": list(game.labels),
+            "attempts_left": game.attempts_left,
+        }
+        return self.ask(json.dumps(line, ensure_ascii=False))
 
     def ask(self, line: str) -> str:
         """Send a line, and return the answer.
@@ -380,17 +374,11 @@ class ChatServer:
             )
         self._opener = build_opener(_NoRedirects())
 
-    def speaker(self, talk: Conversation) -> Callable[[str], str]:
-        """Begin a game: return a function from a prompt in this conversation to the answer."""
-        messages: list[dict[str, str]] = []
-
-        def answer(prompt: str) -> str:
-            messages.append({"role": "user", "content": prompt})
-            text = self.ask(messages)
-            messages.append({"role": "assistant", "content": text})
-            return text
-
-        return answer
+    def answer(self, talk: Conversation) -> str:
+        """Return the answer to the last message of a game; raises PlayerError as :meth:`ask`."""
+        roles = itertools.cycle(("user", "assistant"))
+        turns = zip(roles, talk.messages, strict=False)
+        return self.ask([{"role": role, "content": text} for role, text in turns])
 
     def ask(self, messages: list[dict[str, str]]) -> str:
         """Return the model's answer to a conversation.

@@ -28,7 +28,7 @@ from wordcraft_kg.base.errors import (
     WordCraftKGError,
     reason,
 )
-from wordcraft_kg.base.extras import pip_install
+from wordcraft_kg.base.extras import check_extra, pip_install
 
 _FORMATS = ("onnx/*", "openvino/*", "*.h5", "*.ot", "*.msgpack", "*.onnx", "*.gguf")
 """Weights in the formats of other libraries, in folders on the Hugging Face hub."""
@@ -92,17 +92,25 @@ def weight_files(folder: Path) -> list[Path]:
 
 
 @contextmanager
-def loading(path: Path, expected: str) -> Iterator[None]:
-    """Load a model without bars, warnings and questions.
+def loading(path: Path, expected: str) -> Iterator[dict[str, str]]:
+    """Check a model's files, and load it in this block without bars, warnings and questions.
 
     Args:
-        path: the model, for errors.
+        path: the model.
         expected: kind of model in words, such as "a sentence encoder".
 
+    Yields:
+        SHA-256 hashes of the weights by file name.
+
     Raises:
+        MissingExtraError: if a package is missing.
         ArtefactError: if the model is damaged, not of the ``expected`` kind, or needs code of its
             own.
     """
+    check_extra("text")
+    check_model_files(path)
+    # Before loading, so that the hashes are of the files that were checked.
+    hashes = hash_weights(path)
     stdin = sys.stdin
     try:
         # A library that asks "run the custom code? [y/N]" reads no answer, whatever stands in a
@@ -113,7 +121,7 @@ def loading(path: Path, expected: str) -> Iterator[None]:
             redirect_stdout(io.StringIO()),
             working(path, f"cannot be loaded as {expected}"),
         ):
-            yield
+            yield hashes
     finally:
         sys.stdin = stdin
 

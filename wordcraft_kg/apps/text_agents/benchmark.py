@@ -223,7 +223,9 @@ class Track:
         )
 
 
-def open_games(graph: str, settings: GameSettings, track: str | None = None, **rules: Any) -> Play:
+def choose_games(
+    graph: str, settings: GameSettings, track: str | None = None, **rules: Any
+) -> Play:
     """Open the games of a track, or those that the settings describe.
 
     Args:

@@ -98,17 +98,11 @@ def make_game_app(graph: RecipeGraph, host: str, icons: Mapping[int, str] = NO_I
     """
     page = _page(graph, icons, footer=SERVED, policy="")
 
-    def missing(message: str) -> Response:
-        return PlainTextResponse(message, 404)
-
     async def game(_: Request) -> Response:
         return HTMLResponse(page, headers={"Cache-Control": "no-cache"})
 
-    async def elsewhere(_: Request) -> Response:
-        return missing("There is no such page. The game is on the first page.")
-
-    files = file_endpoint(PACKAGE, FILES, missing)
-    routes = [Route("/", game), Route("/files/{name}", files), Route("/{path:path}", elsewhere)]
+    files = file_endpoint(PACKAGE, FILES, lambda message: PlainTextResponse(message, 404))
+    routes = [Route("/", game), Route("/files/{name}", files)]
     router = Router(routes, redirect_slashes=False)
     return Guard(router, host, (), lambda _, message: message, media_type="text/plain")
 

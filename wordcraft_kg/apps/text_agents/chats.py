@@ -219,15 +219,6 @@ class ChatCounts:
     by_wording: Counter[int] = field(default_factory=Counter)
 
 
-def canary() -> str:
-    """Return the mark by which large collections of texts can recognise and leave out such data.
-
-    It is the benchmark's canary without its request not to train: these conversations are there to
-    train on, knowingly.
-    """
-    return read_manifest()[0].canary.partition(":")[0]
-
-
 def worded_rules(talk: Conversation, wording: int, *, by_tool: bool) -> str:
     """Return the rules of a game in a wording.
 
@@ -271,6 +262,10 @@ def chat_rows(
     Raises:
         ConfigError: for games of another part than train.
     """
+    # A mark by which large collections of texts can recognise and leave out such data: the
+    # benchmark's canary without its request not to train. These conversations are there to train
+    # on, knowingly.
+    canary = read_manifest()[0].canary.partition(":")[0]
     digests: set[bytes] = set()
     for play in plays:
         if play.settings.part != "train" or play.settings.track:
@@ -313,7 +308,7 @@ def chat_rows(
                     "made": game.is_made,
                     "wording": wording,
                     "mistakes": mistakes,
-                    "canary": canary(),
+                    "canary": canary,
                 }
 
 

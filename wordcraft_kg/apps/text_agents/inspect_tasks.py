@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from wordcraft_kg.apps.text_agents.benchmark import open_games
+from wordcraft_kg.apps.text_agents.benchmark import choose_games
 from wordcraft_kg.apps.text_agents.games import TaskGame
 from wordcraft_kg.apps.text_agents.plays import Play, chosen_tasks
 from wordcraft_kg.apps.text_agents.results import (
@@ -224,7 +224,7 @@ def _open(graph: Any, settings: GameSettings, track: object = None, **rules: Any
         raise refuse("graph", graph, "a graph folder, a recipe book file, or a known book")
     for name, fewest in (("distractor_seeds", 1), ("max_invalid", 0)):
         whole(name, rules.get(name, fewest), fewest, MAX_SIZE)
-    return open_games(graph, settings, None if track is None else str(track), **rules)
+    return choose_games(graph, settings, None if track is None else str(track), **rules)
 
 
 def _sample(identity: str, play: Play, **about: Any) -> Sample:

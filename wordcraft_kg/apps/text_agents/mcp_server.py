@@ -299,10 +299,6 @@ def _in_words(error: ValidationError | OSError | WordCraftKGError) -> str:
     return str(error)
 
 
-def _no_games() -> HostedGames:
-    raise EpisodeError("this server only lists tools.")
-
-
 def make_server(hosted: HostedGames) -> MCPServer[Any]:
     """Return an MCP server with tools to play the hosted games.
 
@@ -313,7 +309,7 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
     last = None if settings.is_open_ended else len(play.world.tasks) - 1
     has_scorer = settings.knowledge == "scorer"
     rules = play.game().rules
-    return _server(rules, last, settings.look_ups, has_scorer, lambda: hosted, sets=play.has_sets)
+    return _server(rules, last, settings.look_ups, has_scorer, hosted, sets=play.has_sets)
 
 
 @lru_cache(2)
@@ -338,7 +334,7 @@ def _server(
     last: int | None,
     look_ups: int,
     has_scorer: bool,
-    hosted: Callable[[], HostedGames] = _no_games,
+    hosted: Any = None,
     *,
     sets: bool = False,
 ) -> MCPServer[Any]:
@@ -349,7 +345,7 @@ def _server(
         last: index of the last task; None in the open-ended world.
         look_ups: look-ups in a game; without any, there is no such tool.
         has_scorer: whether facts are a scorer's links instead of recipes.
-        hosted: function that returns the games; without it the server only lists its tools.
+        hosted: the :class:`HostedGames`; None for a server that only lists its tools.
         sets: whether recipes have other sizes than two.
     """
     subject = "the likely links of" if has_scorer else "the known recipes of"
@@ -368,11 +364,11 @@ def _server(
 
     @server.tool(title="Get the game state", description=_TOOLS["state"], annotations=_READS)
     async def state(game: _GameName) -> Annotated[CallToolResult, Position]:
-        talk = hosted().game(game)
+        talk = hosted.game(game)
         return _result(talk.game.state, Position.of(talk))
 
     def combined(game: str, *items: str) -> CallToolResult:
-        talk = hosted().game(game)
+        talk = hosted.game(game)
         labels_before = talk.game.labels
         reply = _accepted(talk, lambda: talk.combine(*items))
         new = [label for label in talk.game.labels if label not in labels_before]
@@ -400,7 +396,7 @@ def _server(
 
         @server.tool(title="Look up an item", description=about_look_ups, annotations=_PLAYS)
         async def look_up(game: _GameName, item: _Label) -> Annotated[CallToolResult, Facts]:
-            talk = hosted().game(game)
+            talk = hosted.game(game)
             _accepted(talk, lambda: talk.look_up_item(item))
             label, facts = talk.facts
             look_ups_left = look_ups - talk.look_ups
@@ -410,20 +406,20 @@ def _server(
 
     @server.tool(title="End a game", description=_TOOLS["end"], annotations=_ENDS)
     async def end(game: _GameName) -> Annotated[CallToolResult, Position]:
-        talk = hosted().game(game)
+        talk = hosted.game(game)
         talk.end()
         return _result(talk.game.state, Position.of(talk))
 
     return server
 
 
-def _add_begin(server: MCPServer[Any], last: int | None, hosted: Callable[[], HostedGames]) -> None:
+def _add_begin(server: MCPServer[Any], last: int | None, hosted: Any) -> None:
     """Add the tool ``begin``, which has no arguments in the open-ended world."""
     if last is None:
 
         @server.tool(title="Start a game", description=_TOOLS["begin_world"], annotations=_PLAYS)
         async def begin() -> Annotated[CallToolResult, Begun]:
-            return _begun(hosted().begin())
+            return _begun(hosted.begin())
 
         return
     number = Field(ge=0, le=last, description=f"task number, 0 to {last}")
@@ -441,7 +437,7 @@ def _add_begin(server: MCPServer[Any], last: int | None, hosted: Callable[[], Ho
     async def begin_task(
         task: Annotated[int, number], distractor_seed: Annotated[int, seed] = 0
     ) -> Annotated[CallToolResult, Begun]:
-        return _begun(hosted().begin(task, distractor_seed))
+        return _begun(hosted.begin(task, distractor_seed))
 
 
 def _accepted(talk: Conversation, act: Callable[[], str]) -> str:

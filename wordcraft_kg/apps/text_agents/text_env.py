@@ -9,11 +9,11 @@ from typing import Any
 import gymnasium as gym
 from gymnasium import spaces
 
-from wordcraft_kg.apps.text_agents.conversation import Conversation, PartialGraphKnowledge
+from wordcraft_kg.apps.text_agents.conversation import Conversation, open_knowledge
 from wordcraft_kg.apps.text_agents.games import TaskGame
 from wordcraft_kg.apps.text_agents.plays import TaskGames, chosen_tasks
-from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
-from wordcraft_kg.base import MAX_SIZE, ActionError, ConfigError, EpisodeError, one_of, whole
+from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, GameSettings, LookUps
+from wordcraft_kg.base import MAX_SIZE, ActionError, ConfigError, EpisodeError
 from wordcraft_kg.envs.words import characters
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import METADATA, check_mode
@@ -90,12 +90,11 @@ class TextEnv(gym.Env[str, str]):
             RecipeFileError: if there is no such graph, or a book cannot be read.
         """
         check_mode(render_mode)
-        one_of("knowledge", knowledge, ("none", "partial"))
+        offer = GameSettings(knowledge=knowledge, look_ups=look_ups)
         self.render_mode = render_mode
         self.world = World.of(graph, settings)
         self.talk: Conversation | None = None
-        whole("look_ups", look_ups, 0, MAX_SIZE)
-        facts = PartialGraphKnowledge(self.world.split) if knowledge == "partial" else None
+        facts = open_knowledge(offer, self.world.opened)
         self._play = TaskGames(self.world, facts, look_ups=look_ups)
         self._tasks = chosen_tasks(self.world, None, difficulty)
         charset = characters(self.world.graph).union(string.printable, _UNKNOWN)

@@ -119,8 +119,6 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     whole("seed", seed, 0, MAX_SIZE - 1)
     whole("tables", tables, 1, MAX_SIZE)
     number_in("mistakes", mistakes, 0, 0.9, "a probability from 0 to 0.9")
-    if tasks is not None:
-        whole("tasks", tasks, 1, MAX_SIZE)
     from wordcraft_kg.apps.text_agents import benchmark_players, plays
     from wordcraft_kg.apps.text_agents.chats import (
         ChatCounts,
@@ -204,7 +202,7 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
         if transport == "http":
             listening = stack.enter_context(listen(host, port))
         # Tools reject an invalid call, and the client asks again; so it never costs an attempt.
-        play = benchmark.open_games(graph, settings, track, max_invalid=conversation.NEVER)
+        play = benchmark.choose_games(graph, settings, track, max_invalid=conversation.NEVER)
         hosted = mcp_server.HostedGames(play)
         if out is not None:
             header = results.GamesHeader(player="MCP clients", settings=hosted.play.settings)

@@ -473,7 +473,7 @@ def test_bad_options_are_refused_before_anything_is_served(refused, tmp_path):
 
 @pytest.mark.skipif(not HAS_WEB_SOCKETS, reason="the extra openenv is not installed")
 def test_an_open_ended_track_has_no_reward_and_is_refused(refused):
-    refused("serve", "openenv", "--track", "discover-500", "--port", "0", says="has no reward")
+    refused("serve", "openenv", "--track", "discover-500", "--port", "0", says="nor a reward")
 
 
 PACKAGE = Path(__file__).parents[3] / "publish" / "openenv"

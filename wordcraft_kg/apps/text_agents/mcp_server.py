@@ -33,6 +33,7 @@ from wordcraft_kg import __version__
 from wordcraft_kg.apps.text_agents.conversation import MOST_ITEMS, Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGame
 from wordcraft_kg.apps.text_agents.plays import Play
+from wordcraft_kg.apps.text_agents.results import Keep
 from wordcraft_kg.apps.web.guard import LONGEST_BODY, LOOPBACK, Guard
 from wordcraft_kg.base import MAX_SIZE, ActionError, EpisodeError, WordCraftKGError, counted
 from wordcraft_kg.envs.words import prompt_hash, prompt_text
@@ -94,7 +95,7 @@ class HostedGames:
             play.settings, prompt_hash=tools_hash(sets=play.has_sets)
         )
         self._most = most
-        self.keep: Callable[[Conversation], None] = lambda talk: talk.messages.clear()
+        self.keep: Keep = lambda talk: talk.messages.clear()
         self._begun: set[tuple[int, int]] = set()
         self._numbers = itertools.count()
         self._hosted: OrderedDict[str, Conversation] = OrderedDict()

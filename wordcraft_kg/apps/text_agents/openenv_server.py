@@ -26,7 +26,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from wordcraft_kg import __version__
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.plays import GameList, NamedGame
-from wordcraft_kg.apps.text_agents.results import GamesWriter
+from wordcraft_kg.apps.text_agents.results import Keep
 from wordcraft_kg.apps.web.guard import LOOPBACK, Guard
 from wordcraft_kg.base import (
     MAX_SIZE,
@@ -93,12 +93,12 @@ class CraftingSession:
         games: the games on offer.
     """
 
-    def __init__(self, games: GameList, keep: GamesWriter | None = None):
+    def __init__(self, games: GameList, keep: Keep | None = None):
         """Wait for :meth:`reset`.
 
         Args:
             games: the games on offer.
-            keep: file for finished games; None records nothing.
+            keep: records finished games; None records nothing.
         """
         self.games = games
         self._keep = keep
@@ -119,7 +119,7 @@ class CraftingSession:
 
         Raises:
             ConfigError: for another argument, a value out of range, or a game that is not offered.
-            OSError: if a game cannot be recorded, of whatever session: no other may begin before.
+            OSError: if the game before cannot be recorded: no other may begin until it is.
         """
         unknown = sorted(arguments.keys() - {*_RESET})
         if unknown:
@@ -128,8 +128,6 @@ class CraftingSession:
         # Begun before the last game ends: a refused reset changes nothing.
         talk = game.begin()
         self.close()
-        if self._keep is not None:
-            self._keep.save()
         talk.on_end = self._keep
         self._begun = game, talk
         episode = arguments.get("episode_id")
@@ -176,12 +174,14 @@ class CraftingSession:
 
     def close(self) -> None:
         """End the game, as its client leaves: on a track, a game that was begun counts as it is."""
-        if self._begun is None or self._begun[1].is_over:
+        if self._begun is None:
             return
         game, talk = self._begun
         # Otherwise a client could leave each game that goes wrong, and begin it again.
-        if not (game.play.settings.track and self._steps):
+        is_counted = talk.is_over or (game.play.settings.track and self._steps)
+        if not is_counted:
             talk.on_end = None
+        # Of a game that is over, this tries again what a full disk has refused.
         talk.end()
 
     def _chosen(self, arguments: dict[str, Any]) -> NamedGame:
@@ -316,7 +316,7 @@ def _error(code: str, message: str) -> str:
 def make_openenv_app(
     games: GameList,
     *,
-    keep: GamesWriter | None = None,
+    keep: Keep | None = None,
     sessions: int = 256,
     idle: float = 900.0,
     host: str = LOOPBACK[0],
@@ -326,7 +326,7 @@ def make_openenv_app(
 
     Args:
         games: the games on offer.
-        keep: file for finished games; None records nothing.
+        keep: records finished games; None records nothing.
         sessions: most sessions at a time; a further client is told so.
         idle: seconds without a message after which a session ends.
         host: address on which the server listens.

@@ -242,7 +242,9 @@ class Play(ABC):
     def world(self) -> World:
         """The world of the tasks; raises ConfigError for open-ended games."""
         if self._world is None:
-            raise ConfigError("open-ended games have no tasks; expected games on tasks.")
+            raise ConfigError(
+                "open-ended games have neither tasks nor a reward; expected games on tasks."
+            )
         return self._world
 
     @abstractmethod

@@ -248,42 +248,15 @@ def _termination_of(game: TaskGame) -> TerminationReason:
     return "no_right_part" if picks in game.world.outcomes else "no_recipe"
 
 
-class GamesWriter:
-    """A file to which a server appends finished games, in the order in which they end."""
-
-    def __init__(self, path: Path):
-        """Bind the file, which is locked."""
-        self._path = path
-        self._waiting: list[GameRecord] = []
-
-    def __call__(self, talk: Conversation) -> None:
-        """Record a finished game, and save it; a further call only tries to save it again.
-
-        Raises:
-            OSError: as :meth:`save`.
-        """
-        # Without messages it was recorded before.
-        if talk.messages:
-            self._waiting.append(record_of(talk))
-            talk.messages.clear()
-        self.save()
-
-    def save(self) -> None:
-        """Write the games that could not be written before, such as on a full disk.
-
-        They come before all later games, so a game that went wrong is never the second of its task.
-
-        Raises:
-            OSError: if a game cannot be written; it still waits.
-        """
-        while self._waiting:
-            append_game(self._path, self._waiting[0])
-            del self._waiting[0]
+Keep = Callable[[Conversation], None]
+"""Records a finished game; a further call does nothing, or tries again after an OSError."""
 
 
 @contextmanager
-def games_writer(path: Path, header: GamesHeader) -> Iterator[GamesWriter]:
+def games_writer(path: Path, header: GamesHeader) -> Iterator[Keep]:
     """Lock a games file, and yield a function that appends a finished game with its messages.
+
+    The function raises OSError if a game cannot be written, such as on a full disk.
 
     Args:
         path: the file; it is created if it does not exist, and continued if it does.
@@ -294,6 +267,13 @@ def games_writer(path: Path, header: GamesHeader) -> Iterator[GamesWriter]:
         GraphMismatchError: if its games are of another graph or split.
         ConfigError: if its games are of another player or other settings.
     """
+
+    def keep(talk: Conversation) -> None:
+        # Without messages it was recorded before.
+        if talk.messages:
+            append_game(path, record_of(talk))
+            talk.messages.clear()
+
     with made_folder(path.parent):
         if not path.exists():
             path.touch()  # the lock needs a file
@@ -301,14 +281,7 @@ def games_writer(path: Path, header: GamesHeader) -> Iterator[GamesWriter]:
         check_file(path)
         with locked(path, "written"):
             open_games(path, header)
-            writer = GamesWriter(path)
-            try:
-                yield writer
-            finally:
-                try:
-                    writer.save()
-                except OSError as error:
-                    logging.getLogger(__name__).error("games were not saved: %s", error)
+            yield keep
 
 
 def evaluation_of(played: Sequence[GameRecord], groups: Ids | None = None) -> "Evaluation":

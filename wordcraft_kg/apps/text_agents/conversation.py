@@ -52,6 +52,7 @@ class Knowledge(ABC):
 
     Attributes:
         kind: the kind's name in settings.
+        prompt: name of the prompt text with facts.
         scorer: hash of a scorer's weights; None for facts without a scorer.
         kg: training triples of the scorer (full or partial); one of the full graph remembers the
             test recipes. None for facts without a scorer.
@@ -60,16 +61,11 @@ class Knowledge(ABC):
     scorer: str | None = None
     kg: TrainedOn | None = None
     kind: ClassVar[KnowledgeKind]
-    _prompt: ClassVar[str]
+    prompt: ClassVar[str]
 
     @abstractmethod
     def facts(self, entity: int, game: Game) -> list[str]:
         """Return the facts about an entity (id) as text lines, the most relevant first."""
-
-    def reply(self, label: str, facts: list[str]) -> str:
-        """Return the reply to a look-up: a text with the facts about the entity with this label."""
-        prompt = self._prompt if facts else "no_facts"
-        return prompt_text(prompt, entity=label, facts="\n".join(facts))
 
 
 def hidden_pairs(game: Game) -> set[int]:
@@ -105,7 +101,7 @@ class PartialGraphKnowledge(Knowledge):
     """
 
     kind = "partial"
-    _prompt = "known_recipes"
+    prompt = "known_recipes"
 
     def __init__(self, split: Split):
         self.graph = split.graph
@@ -151,7 +147,7 @@ class ScorerKnowledge(Knowledge):
     """
 
     kind = "scorer"
-    _prompt = "likely_links"
+    prompt = "likely_links"
 
     def __init__(
         self,
@@ -472,7 +468,8 @@ class Conversation:
         # Only now: a look-up that failed is not counted.
         self.look_ups += 1
         self.facts = (entities[entity], facts)
-        return self._knowledge.reply(*self.facts)
+        prompt = self._knowledge.prompt if facts else "no_facts"
+        return prompt_text(prompt, entity=entities[entity], facts="\n".join(facts))
 
     def _reject(self, reason: str) -> str:
         self.invalid_actions += 1

@@ -272,9 +272,11 @@ def conversation(play: Play) -> Solver:
             while True:
                 state = await generate(state)
                 message = state.output.message
-                # A reply repeats a part of the answer: half a character could not be sent.
-                message.text = for_file(message.text)
-                reply = talk.hear(message.text)
+                text = for_file(message.text)
+                # Half a character could be neither sent again nor logged.
+                if text != message.text:
+                    message.text = text
+                reply = talk.hear(text)
                 if talk.is_over:
                     break
                 state.messages.append(ChatMessageUser(content=reply))
@@ -433,7 +435,14 @@ def read_inspect_log(
             games.
     """
     path = Path(path)
-    log = _read(path)
+    if not path.is_file():
+        raise ArtefactError(f"{path} is not a file; expected an Inspect AI log, .eval or .json.")
+    try:
+        log = read_eval_log(str(path), exclude_fields=_NOT_NEEDED)
+    except Exception as error:  # a damaged file may raise any error
+        raise ArtefactError(
+            f"{path} cannot be read as an Inspect AI log, .eval or .json ({reason(error)})."
+        ) from None
     about = (log.eval.metadata or {}).get(METADATA)
     if about is None:
         raise ArtefactError(
@@ -449,17 +458,6 @@ def read_inspect_log(
         "output": sum(usage.output_tokens for usage in usages),
     }
     return header, games, tokens
-
-
-def _read(path: Path) -> EvalLog:
-    if not path.is_file():
-        raise ArtefactError(f"{path} is not a file; expected an Inspect AI log, .eval or .json.")
-    try:
-        return read_eval_log(str(path), exclude_fields=_NOT_NEEDED)
-    except Exception as error:  # a damaged file may raise any error
-        raise ArtefactError(
-            f"{path} cannot be read as an Inspect AI log, .eval or .json ({reason(error)})."
-        ) from None
 
 
 def _scores(path: Path, log: EvalLog, games: int) -> list[dict[str, Any]]:

@@ -10,11 +10,9 @@ import itertools
 import json
 import logging
 import secrets
-import sys
 from collections import OrderedDict
-from collections.abc import AsyncIterator, Callable, Collection
+from collections.abc import Callable, Collection
 from functools import lru_cache
-from io import TextIOWrapper
 from typing import Annotated, Any, Self
 
 import anyio
@@ -22,7 +20,6 @@ import msgspec
 from mcp.server import MCPServer
 from mcp.server.mcpserver import Context
 from mcp.server.mcpserver.exceptions import ToolError
-from mcp.server.stdio import stdio_server
 from mcp.server.transport_security import TransportSecuritySettings
 from mcp_types import CallToolResult, InputRequiredResult, TextContent, ToolAnnotations
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError
@@ -256,34 +253,6 @@ class _Server(MCPServer[Any]):
             if not isinstance(cause, ValidationError | OSError | WordCraftKGError):
                 raise
             raise ToolError(_in_words(cause)) from cause
-
-    async def run_stdio_async(self) -> None:
-        """Serve on the standard streams until the input ends, and answer every message."""
-        streams: tuple[Any, Any] = _messages(), _Answers()
-        async with stdio_server(*streams) as (reader, writer):
-            server = self._lowlevel_server
-            await server.run(reader, writer, server.create_initialization_options())
-
-
-async def _messages() -> AsyncIterator[str]:
-    # Bytes that are no UTF-8 are replaced: one bad message gets an error, and the server goes on.
-    async for line in anyio.wrap_file(TextIOWrapper(sys.stdin.buffer, "utf-8", "replace")):
-        yield line
-    # At the end of its input the SDK cancels calls without an answer: let them come first.
-    await anyio.wait_all_tasks_blocked()
-
-
-class _Answers:
-    """Standard output without threads.
-
-    Writing may block the loop: by then a tool call is over, or waits for its client.
-    """
-
-    async def write(self, line: str) -> None:
-        sys.stdout.buffer.write(line.encode())
-
-    async def flush(self) -> None:
-        sys.stdout.buffer.flush()
 
 
 def _in_words(error: ValidationError | OSError | WordCraftKGError) -> str:

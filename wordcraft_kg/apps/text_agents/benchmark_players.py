@@ -261,23 +261,21 @@ def _with_model(
     track: Track, folder: str, settings: RunSettings, names: Sequence[str] = ("planner",)
 ) -> Entrant:
     """Let a model play: the first of the scorer's players in ``names`` that the model has."""
-    from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer  # these load torch
-    from wordcraft_kg.models.model_folder import open_model
+    from wordcraft_kg.models.model_folder import open_model  # these load torch
     from wordcraft_kg.models.scorers.scorer_folder import WEIGHTS
 
     model = open_model(folder)
-    model_graph = model.opened
     graph = track.opened.graph
     name = Path(folder).name
     # A model of another book has seen none of these recipes, so its split does not matter.
-    if model_graph.graph.hash == graph.hash:
-        check_graph(folder, model_graph, track.opened)
+    if model.opened.graph.hash == graph.hash:
+        check_graph(folder, model.opened, track.opened)
     about: dict[str, Any] = {
         "training_data": _learned_from(model, track, model.kg),
         "weights": {WEIGHTS: model.run.outputs[WEIGHTS]},
     }
     if track.is_open_ended:
-        learner = RecipeDiscoverer(open_guide(folder, graph).recipes)
+        learner = open_guide(folder, graph).learner()
         return Entrant(f"{name}, recipe-learner", discoveries(track, learner), **about)
     best, chooser = best_player(model, graph, names)
     return Entrant(f"{name}, {best}", decisions(track, chooser), **about)

@@ -38,7 +38,6 @@ from wordcraft_kg.base import (
     ConfigError,
     counted,
     number_in,
-    one_of,
     whole,
 )
 from wordcraft_kg.base.labels import ANSWER_GRAMMAR
@@ -47,7 +46,7 @@ from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.envs.world_config import REWARDS, WordCraftConfig
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import Entity, Ids, OpenedGraph, TaskPart, open_graph
 
 DIFFICULTY_FILE = Path(__file__).parent / "difficulty.csv.gz"
@@ -419,7 +418,6 @@ def open_play(
         RecipeFileError: if there is no such graph, or a book cannot be read.
         ArtefactError: if a graph folder is damaged.
     """
-    one_of("reward", reward, tuple(REWARDS))
     settings = GameSettings(
         part=part,
         depth=depth,

@@ -644,11 +644,9 @@ def submissions_at(path: Path) -> list[Path]:
         path: a folder or an archive; a folder without a submission and a damaged archive are
             returned as they are, so that reading them says what is wrong.
     """
-    if path.is_file() and path.suffix == ARCHIVE:
-        return _in_archive(path)
     folders = [file.parent for file in path.rglob(SUBMISSION_FILE)]
-    for archive in path.rglob(f"*{ARCHIVE}"):
-        if archive.is_file():
+    for archive in (path, *path.rglob(f"*{ARCHIVE}")):
+        if archive.suffix == ARCHIVE and archive.is_file():
             folders += _in_archive(archive)
     return sorted(folders) or [path]
 
@@ -664,7 +662,9 @@ def read_submission_file(submission: Path, name: str) -> bytes:
     Raises:
         ArtefactError: if the file is missing, too large or damaged.
     """
-    path = _archive_of(submission)
+    paths = (submission, *submission.parents)
+    # The archive that the path names or goes into; None outside of archives.
+    path = next((path for path in paths if path.suffix == ARCHIVE and path.is_file()), None)
     if path is None:
         return read_small_file(submission / name)
     archive = ZipArchive(path, read_small_file(path))
@@ -678,12 +678,6 @@ def read_submission_file(submission: Path, name: str) -> bytes:
     return archive.read(member, SMALL_FILE)
 
 
-def _archive_of(submission: Path) -> Path | None:
-    """Return the archive that a path names or goes into; None outside of archives."""
-    paths = (submission, *submission.parents)
-    return next((path for path in paths if path.suffix == ARCHIVE and path.is_file()), None)
-
-
 def _in_archive(archive: Path) -> list[Path]:
     """Return the paths of an archive's submissions; the archive itself if it has or shows none."""
     try:
@@ -691,4 +685,4 @@ def _in_archive(archive: Path) -> list[Path]:
     except ArtefactError:
         return [archive]
     folders = [archive / member.parent for member in members if member.name == SUBMISSION_FILE]
-    return sorted(folders) or [archive]
+    return folders or [archive]

@@ -6,6 +6,7 @@ point; :func:`read_inspect_log` reads a log of either.
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -154,11 +155,14 @@ def crafting(  # noqa: PLR0913 - parameters are the options of `inspect eval -T`
         task_numbers = chosen_tasks(play.world, played.tasks).tolist()
         samples: list[Sample] = []
         # Seed by seed: after a part of the run, each task has been played about equally often.
-        for seed in range(played.distractor_seeds):
-            for number in task_numbers:
-                about = {"task": number, "distractor_seed": seed, "goal": all_tasks[number].goal}
-                about["group"] = groups[number]
-                samples.append(_sample(f"{played.part}-{number}-{seed}", play, **about))
+        for seed, number in product(range(played.distractor_seeds), task_numbers):
+            about = {
+                "task": number,
+                "distractor_seed": seed,
+                "goal": all_tasks[number].goal,
+                "group": groups[number],
+            }
+            samples.append(_sample(f"{played.part}-{number}-{seed}", play, **about))
         return _task(play, samples, f"{played.graph}, {played.part}", goal_made())
 
 

@@ -189,8 +189,12 @@ class Play(ABC):
         # Without a source the number means nothing; equal games have equal settings.
         offer: dict[str, Any] = {"look_ups": 0}
         if knowledge is not None:
-            offer = {"knowledge": knowledge.kind, "look_ups": look_ups}
-            offer |= {"scorer": knowledge.scorer, "kg": knowledge.kg}
+            offer = {
+                "knowledge": knowledge.kind,
+                "look_ups": look_ups,
+                "scorer": knowledge.scorer,
+                "kg": knowledge.kg,
+            }
         self.settings = PlayedSettings(
             graph=opened.graph.name,
             graph_hash=opened.graph.hash,

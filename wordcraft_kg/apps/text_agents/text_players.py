@@ -204,7 +204,7 @@ class LinePlayer(AbstractContextManager["LinePlayer"]):
 
     def _receive(self, timeout: float) -> str:
         try:
-            answer = self._lines.get(timeout=timeout) if timeout else self._lines.get_nowait()
+            answer = self._lines.get(timeout=timeout)
         except Empty:
             raise self._error(
                 f"did not answer within {self._timeout:g} seconds: expected one line per input "

@@ -26,6 +26,7 @@ from wordcraft_kg.base import (
     ConfigError,
     LeakError,
     json_text,
+    sha256_of,
     staged_file,
     steps,
     write_atomically,
@@ -477,19 +478,11 @@ def write_chats(out: Path, rows: Iterator[dict[str, Any]], *, force: bool = Fals
         OutputExistsError: if the file exists, without ``force``.
         ConfigError: if there is no conversation.
     """
-    digest = hashlib.sha256()
-
-    def lines() -> Iterator[str]:
-        for row in rows:
-            line = json_text(row) + "\n"
-            digest.update(line.encode())
-            yield line
-
     with staged_file(out, force=force) as staged:
-        write_atomically(staged, lines())
+        write_atomically(staged, (json_text(row) + "\n" for row in rows))
         if not staged.stat().st_size:
             raise ConfigError(
                 "no conversation is left: the player made no goal; expected a better player, or "
                 "`keep` all."
             )
-    return digest.hexdigest()
+    return sha256_of(out)

@@ -21,6 +21,7 @@ from wordcraft_kg.apps.text_agents.settings import (
 from wordcraft_kg.base import (
     MAX_SIZE,
     ActionError,
+    EpisodeError,
     GraphMismatchError,
     LeakError,
     counted,
@@ -261,6 +262,22 @@ def open_knowledge(settings: GameSettings, opened: OpenedGraph) -> Knowledge | N
     )
 
 
+class Seat:
+    """A player's place at one game after another, as interfaces with a reset have it.
+
+    Attributes:
+        talk: the conversation of the present game; None before the first ``reset``.
+    """
+
+    talk: "Conversation | None" = None
+
+    @property
+    def _begun(self) -> "Conversation":
+        if self.talk is None:
+            raise EpisodeError("there is no game; call reset first.")
+        return self.talk
+
+
 LONGEST_ITEM = 1_000
 """Characters of an item that are read: more than the longest label."""
 MOST_ITEMS = 100
@@ -285,7 +302,7 @@ class Conversation:
 
     Attributes:
         game: the game.
-        name: the game's id on a server; empty elsewhere.
+        name: the game's id on a server, or its name in a data set; empty elsewhere.
         invalid_actions: number of messages that were not understood.
         lost_attempts: number of attempts lost by them.
         look_ups: number of entities that were looked up.

@@ -24,7 +24,7 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from wordcraft_kg import __version__
-from wordcraft_kg.apps.text_agents.conversation import Conversation
+from wordcraft_kg.apps.text_agents.conversation import Conversation, Seat
 from wordcraft_kg.apps.text_agents.plays import GameList, NamedGame
 from wordcraft_kg.apps.text_agents.results import Keep
 from wordcraft_kg.apps.web.guard import LOOPBACK, Guard
@@ -32,7 +32,6 @@ from wordcraft_kg.base import (
     MAX_SIZE,
     ActionError,
     ConfigError,
-    EpisodeError,
     WordCraftKGError,
     whole,
 )
@@ -86,7 +85,7 @@ _KINDS = {"valid": "validation"}
 """OpenEnv's names of parts, where they differ from ours."""
 
 
-class CraftingSession:
+class CraftingSession(Seat):
     """The games of a client, one at a time.
 
     Attributes:
@@ -102,7 +101,6 @@ class CraftingSession:
         """
         self.games = games
         self._keep = keep
-        self._begun: tuple[NamedGame, Conversation] | None = None
         self._episode: str | None = None
         self._steps = 0
 
@@ -129,11 +127,11 @@ class CraftingSession:
         talk = game.begin()
         self.close()
         talk.on_end = self._keep
-        self._begun = game, talk
+        self.talk = talk
         episode = arguments.get("episode_id")
         self._episode = None if episode is None else str(episode)[:255]
         self._steps = 0
-        return _observation(game, talk, talk.opening, reward=None)
+        return _observation(talk, talk.opening, reward=None)
 
     def step(self, action: Any) -> dict[str, Any]:
         """Act in the game; an invalid answer is part of the game, and no error.
@@ -152,11 +150,9 @@ class CraftingSession:
         """
         if not isinstance(action, dict) or action.keys() - {"metadata"} not in _STEP:
             raise ActionError('the action must be {"answer": "first + second"}.')
-        if self._begun is None:
-            raise EpisodeError("there is no game; send reset first.")
-        game, talk = self._begun
+        talk = self._begun
         if talk.is_over:
-            return _observation(game, talk, talk.after_the_end, reward=0.0)
+            return _observation(talk, talk.after_the_end, reward=0.0)
         self._steps += 1
         if "answer" in action:
             reply = talk.hear(_text(action["answer"])[-LONGEST_ANSWER:])
@@ -165,7 +161,7 @@ class CraftingSession:
         else:
             items = action.get("items", [action.get("first"), action.get("second")])
             reply = talk.combine(*map(_text, items if isinstance(items, list) else [items]))
-        return _observation(game, talk, reply, reward=talk.reward)
+        return _observation(talk, reply, reward=talk.reward)
 
     @property
     def state(self) -> dict[str, Any]:
@@ -174,11 +170,11 @@ class CraftingSession:
 
     def close(self) -> None:
         """End the game, as its client leaves: on a track, a game that was begun counts as it is."""
-        if self._begun is None:
+        talk = self.talk
+        if talk is None:
             return
-        game, talk = self._begun
         # Otherwise a client could leave each game that goes wrong, and begin it again.
-        is_counted = talk.is_over or (game.play.settings.track and self._steps)
+        is_counted = talk.is_over or (self.games.is_track and self._steps)
         if not is_counted:
             talk.on_end = None
         # Of a game that is over, this tries again what a full disk has refused.
@@ -198,16 +194,14 @@ class CraftingSession:
         return self.games.at(part, index, int(rng.integers(MAX_SIZE)))
 
 
-def _observation(
-    named: NamedGame, talk: Conversation, text: str, *, reward: float | None
-) -> dict[str, Any]:
+def _observation(talk: Conversation, text: str, *, reward: float | None) -> dict[str, Any]:
     game = talk.game
     observation = {
         "text": text,
         "goal": game.goal,
         "table": list(game.labels),
         "attempts_left": game.attempts_left,
-        "task_id": named.name,
+        "task_id": talk.name,
     }
     metadata = {
         "success": game.is_made,

@@ -18,6 +18,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -472,8 +473,10 @@ class NamedGame:
         return f"{self.of_task}-{self.distractor_seed}"
 
     def begin(self) -> Conversation:
-        """Begin the game; raises ConfigError for a seed out of range."""
-        return self.play.begin(self.task, self.distractor_seed)
+        """Begin the game, under its name; raises ConfigError for a seed out of range."""
+        talk = self.play.begin(self.task, self.distractor_seed)
+        talk.name = self.name
+        return talk
 
 
 class GameList:
@@ -482,6 +485,7 @@ class GameList:
     Attributes:
         plays: for each offered part the games, one :class:`Play` for each depth and number of
             distractors. The offered tasks of a part are numbered through all of them.
+        is_track: whether the games are of a benchmark's track.
 
     Example:
         >>> games = GameList({"train": [open_play("kitchen", "train", 1, 2, None)]})
@@ -494,6 +498,7 @@ class GameList:
     ):
         """Take the games, or those of them whose tasks have a measured difficulty in a range."""
         self.plays = plays
+        self.is_track = any(play.settings.track for play in chain.from_iterable(plays.values()))
         self._games: dict[str, list[NamedGame]] = {}
         self._by_task: dict[str, NamedGame] = {}
         for part, of_part in plays.items():

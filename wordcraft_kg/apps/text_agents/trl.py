@@ -19,10 +19,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain, product, zip_longest
 from typing import TYPE_CHECKING, Any, Literal
 
-from wordcraft_kg.apps.text_agents.conversation import Conversation
+from wordcraft_kg.apps.text_agents.conversation import Conversation, Seat
 from wordcraft_kg.apps.text_agents.plays import NamedGame, chosen_tasks, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
-from wordcraft_kg.base import ConfigError, EpisodeError, whole
+from wordcraft_kg.base import ConfigError, whole
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.graphs.tasks import TaskPart
 
@@ -87,18 +87,13 @@ def begin_row(row: Mapping[str, Any]) -> Conversation:
     return talk
 
 
-class CraftingEnvironment:
+class CraftingEnvironment(Seat):
     """A crafting game, played by the tool ``combine``.
 
     An invalid call costs nothing, but after three in a row the next one costs an attempt, so that
-    every game ends. Calls after the end change nothing.
-
-    Attributes:
-        talk: the game's conversation, with counts of invalid calls and look-ups; None before the
-            first ``reset``.
+    every game ends. Calls after the end change nothing. The attribute ``talk`` is the game's
+    conversation, with counts of invalid calls and look-ups.
     """
-
-    talk: Conversation | None = None
 
     def reset(self, **row: Any) -> str | None:
         """Begin the game of a row from :func:`crafting_rows`.
@@ -131,12 +126,6 @@ class CraftingEnvironment:
     def get_reward(self) -> float:
         """Return the reward so far: 1 for the goal, and the row's shaped rewards."""
         return self._begun.game.reward
-
-    @property
-    def _begun(self) -> Conversation:
-        if self.talk is None:
-            raise EpisodeError("there is no game; call reset with a row of the data set first.")
-        return self.talk
 
 
 class SetCraftingEnvironment(CraftingEnvironment):

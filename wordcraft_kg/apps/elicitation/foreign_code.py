@@ -215,14 +215,12 @@ def check_model_files(path: Path) -> None:
     if path.is_dir():
         # Only these folders are read; others hold what other libraries read, such as ONNX.
         templates = folder / "additional_chat_templates"
-        places = [folder, *_module_folders(folder), *filter(Path.is_dir, [templates])]
         files = []
-        for place in places:
-            files += [entry for entry in sorted(place.iterdir()) if not entry.is_dir()]
-        _check_places(folder, files)
-        for place in places:
+        for place in (folder, *_module_folders(folder), *filter(Path.is_dir, [templates])):
+            entries = [entry for entry in sorted(place.iterdir()) if not entry.is_dir()]
+            _check_places(folder, entries)
             _check_weights(place)
-        files = [file for file in files if file.suffix == ".json"]
+            files += [entry for entry in entries if entry.suffix == ".json"]
     else:
         # The libraries read these names beside a .gguf file; other files there may be anybody's.
         names = ("config.json", "tokenizer_config.json", "generation_config.json", _ADAPTER)

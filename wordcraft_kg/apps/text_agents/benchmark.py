@@ -9,6 +9,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -127,10 +128,7 @@ class Manifest(Record, frozen=True, kw_only=True):
     def names(self) -> list[str]:
         """Names of all tracks, with the shorter tracks (``-lite``) and those with made-up words."""
         endings = ("", "-made-up", "-lite", "-lite-made-up")
-        names: list[str] = []
-        for track in self.tracks:
-            names += [track + ending for ending in endings]
-        return names
+        return [track + ending for track, ending in product(self.tracks, endings)]
 
 
 @cache

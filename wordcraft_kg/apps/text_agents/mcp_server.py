@@ -237,10 +237,10 @@ class _Server(MCPServer[Any]):
             ToolError: with a text that tells a player what to do.
         """
         # The SDK drops unknown arguments, so a misspelled optional one would silently do nothing.
-        names: Collection[str] = arguments
-        for tool in await self.list_tools():
-            if tool.name == name:
-                names = tool.input_schema["properties"]
+        properties = {
+            tool.name: tool.input_schema["properties"] for tool in await self.list_tools()
+        }
+        names = properties.get(name, arguments)
         for unknown in arguments.keys() - names:
             expected = ", ".join(names) or "no arguments"
             reason = f"unknown argument '{unknown[:_LONGEST]}': expected {expected}."

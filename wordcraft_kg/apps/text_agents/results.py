@@ -156,12 +156,7 @@ def open_games(path: Path, header: GamesHeader) -> list[GameRecord]:
                 os.truncate(path, path.stat().st_size - len(torn))
             return [*played]
     os.truncate(path, 0)
-    try:
-        append_game(path, header)
-    except OSError:
-        # Such as a full disk: a file without a game is as good as none.
-        path.unlink()
-        raise
+    append_game(path, header)
     return []
 
 

@@ -346,19 +346,17 @@ def _check_item(file: Path, key: str, value: Any) -> None:
         problem = f"names a kernel to download, '{next(iter(_strings(value)))}'"
     elif key == "transformers_weights" and not _WEIGHTS.fullmatch(str(value)):
         problem = f"names the weights {value!r}; expected *.safetensors in the same folder"
-    elif key == "tokenizer_class" and value is not None and not _is_text(_TOKENIZER, value):
+    elif key == "tokenizer_class" and value is not None and not _TOKENIZER.fullmatch(str(value)):
         problem = f"names {value!r}, which is no class of a tokenizer"
-    elif key == "activation_function" and "." in str(value) and not _is_text(_ACTIVATION, value):
+    elif (
+        key == "activation_function" and "." in str(value) and not _ACTIVATION.fullmatch(str(value))
+    ):
         problem = f"names the activation function {value!r}, which is not one of torch"
     if problem:
         raise ArtefactError(
             f"'{file}' {problem}, and code of a model is never run. Give another model, or "
             "remove this setting."
         )
-
-
-def _is_text(pattern: re.Pattern[str], value: Any) -> bool:
-    return isinstance(value, str) and pattern.fullmatch(value) is not None
 
 
 def _items(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:

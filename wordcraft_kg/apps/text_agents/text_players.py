@@ -131,13 +131,12 @@ class LinePlayer(AbstractContextManager["LinePlayer"]):
         self._games = 0
         self._lines: Queue[bytes | None] = Queue(_MOST_WAITING)
         try:
-            pipe = subprocess.PIPE
             # A session of its own: Ctrl-C reaches this process alone, which then saves the games
             # and ends the program; and the program's process group can be killed as a whole.
             self._process = subprocess.Popen(
                 words,
-                stdin=pipe,
-                stdout=pipe,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
                 start_new_session=True,
                 env=player_environment(os.environ),
             )
@@ -301,8 +300,8 @@ def name_of(words: list[str]) -> str:
 
 KEY = "OPENAI_API_KEY"
 """Environment variable with the key; servers on this machine need none."""
-_TRIES = 5
-"""Requests for an answer, with pauses of 1, 2, 4 and 8 seconds."""
+_PAUSES = (0, 1, 2, 4, 8)
+"""Seconds before each request for an answer."""
 _BUSY = (408, 409, 429, 500, 502, 503, 504)
 """Statuses after which another request may succeed."""
 _MOST_TOKENS = 1_000
@@ -351,7 +350,7 @@ class ChatServer:
             model: the model's name on the server.
             base_url: address of the API, such as ``http://127.0.0.1:8000/v1``.
             timeout: seconds for a reply.
-            pause: seconds before the second request; each further pause is twice as long.
+            pause: factor of the pauses between requests.
 
         Raises:
             ConfigError: if the address is none of HTTP, or the key cannot be sent.
@@ -396,23 +395,21 @@ class ChatServer:
         if self._key:
             headers["Authorization"] = f"Bearer {self._key}"
         request = Request(self._address, json.dumps(body).encode(), headers)
-        for number in range(_TRIES):
+        for pause in _PAUSES:
+            time.sleep(self._pause * pause)
             try:
                 with self._opener.open(request, timeout=self._timeout) as response:
                     return self._read(response.read(_LONGEST_REPLY))
             except HTTPError as error:
                 content = error.read(_LONGEST_REPLY).decode("utf-8", "replace")
                 failure = f"answers with {error.code}: {content or error.reason}"
-                is_final = error.code not in _BUSY
+                if error.code not in _BUSY:
+                    break
             except TimeoutError:
                 failure = f"has not answered in {self._timeout:g} seconds"
-                is_final = False
             except (URLError, HTTPException, OSError) as error:
                 failure = f"does not answer ({getattr(error, 'reason', error)}). Start the server"
-                is_final = True
-            if is_final or number + 1 == _TRIES:
                 break
-            time.sleep(self._pause * 2**number)
         raise PlayerError(f"{self._address} {self._shown(failure)}.")
 
     def _read(self, data: bytes) -> str:

@@ -279,9 +279,10 @@ def chat_rows(
         rng = np.random.default_rng(key)
         words = np.random.default_rng([*key, 1])
         for talk, pairs in _played(play, player, settings, rng):
-            game = _game(talk)
+            game = talk.game
+            assert isinstance(game, TaskGame)
             wording = int(words.integers(len(WORDINGS) + 1))
-            messages, mistakes = _said(talk, pairs, settings, wording, words, scorer)
+            messages, mistakes = _said(talk, game, pairs, settings, wording, words, scorer)
             counts.played += 1
             counts.made += game.is_made
             if not _is_kept(game, settings.kept, mistakes):
@@ -330,13 +331,14 @@ def _played(
             play.begin(task, seed)
             for task, seed in zip(numbers, seeds[block].tolist(), strict=True)
         ]
-        ids = [[graph.id_of(label) for label in _game(talk).start] for talk in talks]
+        ids = [[graph.id_of(label) for label in talk.game.labels] for talk in talks]
         tables = padded(ids, world.nothing)
         yield from zip(talks, decided_pairs(world, numbers, tables, player, rng), strict=True)
 
 
 def _said(
     talk: Conversation,
+    game: TaskGame,
     pairs: Sequence[Picks | None],
     settings: ChatSettings,
     wording: int,
@@ -348,23 +350,23 @@ def _said(
     rules = worded_rules(talk, wording, by_tool=by_tool)
     messages: list[Message] = [
         {"role": "system", "content": rules},
-        {"role": "user", "content": talk.game.state},
+        {"role": "user", "content": game.state},
     ]
     if by_tool:
-        messages = [{"role": "user", "content": f"{rules}\n\n{talk.game.state}"}]
+        messages = [{"role": "user", "content": f"{rules}\n\n{game.state}"}]
     mistakes: list[int] = []
     for pair in pairs:
         if not talk.is_over and rng.random() < settings.mistakes:
             mistakes.append(len(messages))
-            messages += _turn(talk, _mistake(_game(talk), rng), by_tool)
+            messages += _turn(talk, _mistake(game, rng), by_tool)
         # A mistake may have taken the last attempt.
         if talk.is_over:
             break
         # An empty slot: there is no answer in words for it.
         if pair is None:
-            talk.game.lose_attempt()
+            game.lose_attempt()
             continue
-        reason = "" if scorer is None else _reason(_game(talk), pair, scorer)
+        reason = "" if scorer is None else _reason(game, pair, scorer)
         messages += _turn(talk, rng.permutation(pair).tolist(), by_tool, reason)
     if by_tool:
         messages.append({"role": "assistant", "content": CLOSING})
@@ -456,11 +458,6 @@ def _is_kept(game: TaskGame, choice: Kept, mistakes: Sequence[int]) -> bool:
     if choice == "shortest":
         return game.is_made and not mistakes and len(game.pairs) == game.tasks.depth
     return None not in game.pairs and (choice == "all" or game.is_made)
-
-
-def _game(talk: Conversation) -> TaskGame:
-    assert isinstance(talk.game, TaskGame)
-    return talk.game
 
 
 def write_chats(out: Path, rows: Iterator[dict[str, Any]], *, force: bool = False) -> str:

@@ -49,12 +49,6 @@ def picks_of(player, world, distractor_seeds):
     return found
 
 
-def converse(talk, answer):
-    """Let a player, a function from a prompt to an answer, play a game to its end."""
-    while not talk.is_over:
-        talk.hear(answer(talk.messages[-1]))
-
-
 def assert_same(found, expected):
     for name in ("tasks", "success", "by_plan", "actions", "terminations"):
         assert np.array_equal(getattr(found, name), getattr(expected, name)), name

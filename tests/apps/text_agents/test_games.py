@@ -4,7 +4,7 @@ from itertools import product
 
 import pytest
 
-from tests.apps.text_agents.scripted import PLAYERS, assert_same, converse, picks_of
+from tests.apps.text_agents.scripted import PLAYERS, assert_same, picks_of
 from wordcraft_kg import RecipeGraph, SplitConfig, WordCraftConfig, World, make_split
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import recipe_oracle
@@ -29,7 +29,9 @@ def play_all(games, distractor_seeds, player):
     played = []
     for task, distractor_seed in product(range(len(games.world.tasks)), range(distractor_seeds)):
         talk = Conversation(games.game(task, distractor_seed))
-        converse(talk, player(task, distractor_seed))
+        answer = player(task, distractor_seed)
+        while not talk.is_over:
+            talk.hear(answer(talk.messages[-1]))
         played.append(record_of(talk))
     return played
 

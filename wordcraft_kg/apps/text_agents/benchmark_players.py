@@ -616,7 +616,7 @@ def declarations(
         "tokens": None if tokens is None else dict(zip(("input", "output"), tokens, strict=True)),
         "price": price,
     }
-    return {field: value for field, value in fields.items() if value is not None}
+    return {key: value for key, value in fields.items() if value is not None}
 
 
 def reproduce(

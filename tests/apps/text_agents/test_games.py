@@ -12,7 +12,6 @@ from wordcraft_kg.apps.text_agents.conversation import (
     Conversation,
     PartialGraphKnowledge,
     ScorerKnowledge,
-    converse,
     hidden_pairs,
 )
 from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, GameList, TaskGames, open_play
@@ -30,7 +29,9 @@ def play_all(games, distractor_seeds, player):
     played = []
     for task, distractor_seed in product(range(len(games.world.tasks)), range(distractor_seeds)):
         talk = Conversation(games.game(task, distractor_seed))
-        converse(talk, player(task, distractor_seed))
+        answer = player(task, distractor_seed)
+        while not talk.is_over:
+            talk.hear(answer(talk.messages[-1]))
         played.append(record_of(talk))
     return played
 

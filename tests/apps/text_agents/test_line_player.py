@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
+from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.plays import DiscoveryGames
 from wordcraft_kg.apps.text_agents.text_players import MOST_CHARACTERS, LinePlayer, name_of
 from wordcraft_kg.base.errors import ConfigError, PlayerError
@@ -35,7 +35,8 @@ def program(code):
 
 def let_play(player, game, **rules):
     talk = Conversation(game, **rules)
-    converse(talk, player.speaker(talk))
+    while not talk.is_over:
+        talk.hear(player.answer(talk))
     return talk
 
 
@@ -162,7 +163,7 @@ def test_a_json_string_is_an_answer_of_several_lines(games):
     ):
         code = f"for _ in open(0): print({written!r}, flush=True)"
         with LinePlayer(f"{shlex.quote(sys.executable)} -c {shlex.quote(code)}") as player:
-            assert player.speaker(Conversation(games.game()))("") == said
+            assert player.answer(Conversation(games.game())) == said
 
 
 def test_bytes_outside_utf_8_are_an_invalid_answer(games):

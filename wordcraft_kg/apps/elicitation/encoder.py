@@ -20,11 +20,9 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.apps.elicitation.foreign_code import (
     check_counts,
-    check_model_files,
     check_modules,
     check_sentence_transformers,
     check_size,
-    hash_weights,
     loading,
     working,
 )
@@ -36,7 +34,6 @@ from wordcraft_kg.base import (
     with_a_name,
     write_atomically,
 )
-from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.models.scorers.features import ENCODED
 from wordcraft_kg.runs.record import end_run, start_run
 from wordcraft_kg.runs.run_folder import Progress
@@ -103,11 +100,10 @@ def _tokens(model: Any, path: Path, labels: Sequence[str]) -> list[list[int]]:
     with working(path):
         tokens = tokenizer(list(labels), add_special_tokens=False).input_ids
     unknown = tokenizer.unk_token_id
-    if unknown is None:  # a vocabulary of bytes has tokens for any text
-        return list(tokens)
     for label, ids in zip(labels, tokens, strict=True):
-        # All labels without a token of their own would get the same vector.
-        if {*ids} <= {unknown}:
+        # All labels without a token of their own would get the same vector. A vocabulary of bytes
+        # has tokens for any text.
+        if unknown is not None and {*ids} <= {unknown}:
             raise ConfigError(
                 f"the label '{label}' has no tokens in this encoder's vocabulary. Use an "
                 "`encoder` for the labels' language, or rename the entity."
@@ -144,11 +140,8 @@ def _vectors(
 
 def _open_encoder(path: Path) -> tuple[Any, dict[str, str]]:
     """Return the encoder, and the hashes of its weights; see :func:`encode_labels`."""
-    check_extra("text")
-    check_sentence_transformers()
-    check_model_files(path)
-    hashes = hash_weights(path)
-    with loading(path, "a sentence encoder"):
+    with loading(path, "a sentence encoder") as hashes:
+        check_sentence_transformers()
         from sentence_transformers import SentenceTransformer
         from transformers import AutoConfig, AutoModel
 

@@ -28,7 +28,7 @@ from wordcraft_kg.base.errors import (
     WordCraftKGError,
     reason,
 )
-from wordcraft_kg.base.extras import pip_install
+from wordcraft_kg.base.extras import check_extra, pip_install
 
 _FORMATS = ("onnx/*", "openvino/*", "*.h5", "*.ot", "*.msgpack", "*.onnx", "*.gguf")
 """Weights in the formats of other libraries, in folders on the Hugging Face hub."""
@@ -92,17 +92,25 @@ def weight_files(folder: Path) -> list[Path]:
 
 
 @contextmanager
-def loading(path: Path, expected: str) -> Iterator[None]:
-    """Load a model without bars, warnings and questions.
+def loading(path: Path, expected: str) -> Iterator[dict[str, str]]:
+    """Check a model's files, and load it in this block without bars, warnings and questions.
 
     Args:
-        path: the model, for errors.
+        path: the model.
         expected: kind of model in words, such as "a sentence encoder".
 
+    Yields:
+        SHA-256 hashes of the weights by file name.
+
     Raises:
+        MissingExtraError: if a package is missing.
         ArtefactError: if the model is damaged, not of the ``expected`` kind, or needs code of its
             own.
     """
+    check_extra("text")
+    check_model_files(path)
+    # Before loading, so that the hashes are of the files that were checked.
+    hashes = hash_weights(path)
     stdin = sys.stdin
     try:
         # A library that asks "run the custom code? [y/N]" reads no answer, whatever stands in a
@@ -113,7 +121,7 @@ def loading(path: Path, expected: str) -> Iterator[None]:
             redirect_stdout(io.StringIO()),
             working(path, f"cannot be loaded as {expected}"),
         ):
-            yield
+            yield hashes
     finally:
         sys.stdin = stdin
 
@@ -207,14 +215,12 @@ def check_model_files(path: Path) -> None:
     if path.is_dir():
         # Only these folders are read; others hold what other libraries read, such as ONNX.
         templates = folder / "additional_chat_templates"
-        places = [folder, *_module_folders(folder), *filter(Path.is_dir, [templates])]
         files = []
-        for place in places:
-            files += [entry for entry in sorted(place.iterdir()) if not entry.is_dir()]
-        _check_places(folder, files)
-        for place in places:
+        for place in (folder, *_module_folders(folder), *filter(Path.is_dir, [templates])):
+            entries = [entry for entry in sorted(place.iterdir()) if not entry.is_dir()]
+            _check_places(folder, entries)
             _check_weights(place)
-        files = [file for file in files if file.suffix == ".json"]
+            files += [entry for entry in entries if entry.suffix == ".json"]
     else:
         # The libraries read these names beside a .gguf file; other files there may be anybody's.
         names = ("config.json", "tokenizer_config.json", "generation_config.json", _ADAPTER)
@@ -340,19 +346,17 @@ def _check_item(file: Path, key: str, value: Any) -> None:
         problem = f"names a kernel to download, '{next(iter(_strings(value)))}'"
     elif key == "transformers_weights" and not _WEIGHTS.fullmatch(str(value)):
         problem = f"names the weights {value!r}; expected *.safetensors in the same folder"
-    elif key == "tokenizer_class" and value is not None and not _is_text(_TOKENIZER, value):
+    elif key == "tokenizer_class" and value is not None and not _TOKENIZER.fullmatch(str(value)):
         problem = f"names {value!r}, which is no class of a tokenizer"
-    elif key == "activation_function" and "." in str(value) and not _is_text(_ACTIVATION, value):
+    elif (
+        key == "activation_function" and "." in str(value) and not _ACTIVATION.fullmatch(str(value))
+    ):
         problem = f"names the activation function {value!r}, which is not one of torch"
     if problem:
         raise ArtefactError(
             f"'{file}' {problem}, and code of a model is never run. Give another model, or "
             "remove this setting."
         )
-
-
-def _is_text(pattern: re.Pattern[str], value: Any) -> bool:
-    return isinstance(value, str) and pattern.fullmatch(value) is not None
 
 
 def _items(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:

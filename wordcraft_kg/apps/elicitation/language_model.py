@@ -9,9 +9,10 @@ import hashlib
 import json
 import math
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from itertools import chain, groupby
 from pathlib import Path
 from typing import Any, Literal
@@ -22,9 +23,7 @@ from torch import Tensor
 
 from wordcraft_kg.apps.elicitation.foreign_code import (
     check_counts,
-    check_model_files,
     check_size,
-    hash_weights,
     loading,
     working,
 )
@@ -44,7 +43,6 @@ from wordcraft_kg.base import (
     with_a_name,
     write_atomically,
 )
-from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.base.tensors import read_tensors
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.knowledge.knowledge_folder import (
@@ -136,15 +134,6 @@ def prompts_text(prompts: tuple[Prompt, ...]) -> str:
     return dump_json(as_values(_Prompts(prompts)))
 
 
-def read_rows(folder: Path, number: int) -> Tensor | None:
-    """Return the rows of a part; None if they are not saved, or damaged."""
-    file = folder / f"{number}.safetensors"
-    try:
-        return read_tensors(file, read_large_file(file))["rows"]
-    except ArtefactError:  # missing, or cut short by a power failure
-        return None
-
-
 _BATCH = 32
 """Texts in a forward pass; part of the result's last bits, so also of the key of saved rows."""
 _LARGEST = 2**31
@@ -186,11 +175,7 @@ def open_language_model(path: Path, random_seed: int | None = None) -> LanguageM
         ArtefactError: if the model is damaged, incomplete, not causal, needs code, or is far larger
             than its weights.
     """
-    check_extra("text")
-    check_model_files(path)
-    # Before loading, so that the hashes are of the files that were checked.
-    hashes = hash_weights(path)
-    with loading(path, "a causal language model"):
+    with loading(path, "a causal language model") as hashes:
         from transformers import AutoConfig, AutoModelForCausalLM, AutoTokenizer
 
         options: dict[str, Any] = {"trust_remote_code": False, "local_files_only": True}
@@ -272,7 +257,7 @@ class _LabelProbabilities:
         self.owners = torch.arange(self.size).repeat_interleave(counts)
         self.counts = counts.repeat_interleave(counts)
 
-    def read(self, texts: Sequence[str]) -> list[list[int]]:
+    def read(self, texts: Iterable[str]) -> list[list[int]]:
         """Return the tokens of texts."""
         with working(self.tokenizer.name_or_path):
             return [self.tokenizer(text).input_ids for text in texts]
@@ -293,30 +278,19 @@ class _LabelProbabilities:
         return torch.zeros(len(texts), self.size).index_add_(1, self.owners, parts)
 
 
-@dataclass(frozen=True)
-class _Batch:
-    """Texts of one prompt with equal numbers of tokens.
+def _batches(texts: Sequence[list[int]]) -> Iterator[tuple[list[int], list[list[int]]]]:
+    """Divide texts into batches that need no padding; the batches depend on the texts only.
 
-    Attributes:
-        prompt: number of the prompt.
-        rows: entity ids of the texts.
-        texts: tokens of the texts.
+    Yields:
+        Places of at most ``_BATCH`` texts with equal numbers of tokens, and these texts.
     """
-
-    prompt: int
-    rows: list[int]
-    texts: list[list[int]]
-
-
-def _batches(texts: Sequence[list[int]], prompt: int = 0) -> Iterator[_Batch]:
-    """Divide texts into batches that need no padding; the batches depend on the texts only."""
     # Padding would change the last bits of a row with the other texts of its batch.
     order = sorted(range(len(texts)), key=lambda row: len(texts[row]))
     for _, same_length in groupby(order, key=lambda row: len(texts[row])):
         rows = list(same_length)
         for start in range(0, len(rows), _BATCH):
-            batch_rows = rows[start : start + _BATCH]
-            yield _Batch(prompt, batch_rows, [texts[row] for row in batch_rows])
+            batch = rows[start : start + _BATCH]
+            yield batch, [texts[row] for row in batch]
 
 
 def elicit_knowledge(
@@ -369,20 +343,15 @@ def elicit_knowledge(
     if language_model.random_seed is not None:
         inputs["random weights, seed"] = str(language_model.random_seed)
     probabilities = _LabelProbabilities(language_model, graph.entities)
-    batches: list[_Batch] = []
-    for number, prompt in enumerate(prompts):
-        texts = [prompt.text(label) for label in graph.entities]
-        batches += _batches(probabilities.read(texts), number)
+    texts = [probabilities.read(map(prompt.text, graph.entities)) for prompt in prompts]
     # Tokens belong to the key: a tokenizer's files have no hash.
-    key = json.dumps(
-        [inputs, _BATCH, probabilities.tokens.tolist(), [batch.texts for batch in batches]]
-    )
+    key = json.dumps([inputs, _BATCH, probabilities.tokens.tolist(), texts])
     # Everything that decides about the rows is in the name of their folder: another model, prompt
     # or graph has another one, and so never takes these rows.
     digest = hashlib.sha256(key.encode()).hexdigest()[:16]
     folder = out.parent / f".{out.name}.{digest}{TEMPORARY}"
     with locked_folder(folder, "written"):
-        tables = _tables(probabilities, batches, prompts, folder, report)
+        tables = _tables(probabilities, texts, prompts, folder, report)
         source = "language model"
         if language_model.random_seed is not None:
             source += " with random weights"
@@ -401,7 +370,7 @@ def elicit_knowledge(
 
 def _tables(
     probabilities: _LabelProbabilities,
-    batches: Sequence[_Batch],
+    texts: Sequence[list[list[int]]],
     prompts: tuple[Prompt, ...],
     folder: Path,
     report: Progress | None,
@@ -410,7 +379,7 @@ def _tables(
 
     Args:
         probabilities: the language model, for E labels.
-        batches: texts of all prompts; batches of a prompt follow each other.
+        texts: for each prompt the tokens of E texts.
         prompts: P prompts.
         folder: folder of saved rows, a file for each batch.
         report: called with the numbers of finished and of all texts; None for no report.
@@ -421,28 +390,14 @@ def _tables(
     size = probabilities.size
     tables = torch.zeros(len(prompts), size, size, dtype=torch.half)
     num_done = 0
-
-    # Once for each prompt, and not at all for a prompt whose rows are all saved.
-    @cache
-    def neutral(prompt: int) -> Tensor:
-        return _neutral(probabilities, prompts[prompt].neutral)
-
     try:
-        for number, batch in enumerate(batches):
-            rows = read_rows(folder, number)
-            if rows is None:
-                rows = (probabilities.after(batch.texts) - neutral(batch.prompt)).half()
-                if not rows.isfinite().all():
-                    raise ArtefactError(
-                        "the language model gives probabilities that are not finite. Use another."
-                    )
-                # Atomic: a batch is either saved or not, even after a kill.
-                content = safetensors.torch.save({"rows": rows})
-                write_atomically(folder / f"{number}.safetensors", content)
-            tables[batch.prompt, batch.rows] = rows
-            num_done += len(batch.rows)
-            if report:
-                report(num_done, len(prompts) * size, {})
+        for table, prompt, prompt_texts in zip(tables, prompts, texts, strict=True):
+            neutral = _neutral(probabilities, prompt.neutral)
+            for rows, batch in _batches(prompt_texts):
+                table[rows] = _saved(probabilities, batch, neutral, folder / str(num_done))
+                num_done += len(rows)
+                if report:
+                    report(num_done, len(prompts) * size, {})
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
             f"interrupted; {num_done:,} of {len(prompts) * size:,} texts are saved. Repeat the "
@@ -451,10 +406,27 @@ def _tables(
     return tuple(map(_oriented, tables, prompts))
 
 
+def _saved(
+    probabilities: _LabelProbabilities, texts: list[list[int]], neutral: Tensor, file: Path
+) -> Tensor:
+    """Return the rows of texts, shape (B, E), from a file, or computed and saved there."""
+    # A file may be missing, or cut short by a power failure.
+    with suppress(ArtefactError):
+        return read_tensors(file, read_large_file(file))["rows"]
+    rows = (probabilities.after(texts) - neutral).half()
+    if not rows.isfinite().all():
+        raise ArtefactError(
+            "the language model gives probabilities that are not finite. Use another."
+        )
+    # Atomic: a batch is either saved or not, even after a kill.
+    write_atomically(file, safetensors.torch.save({"rows": rows}))
+    return rows
+
+
 def _neutral(probabilities: _LabelProbabilities, texts: Sequence[str]) -> Tensor:
     """Return the log of each label's mean probability after neutral texts, shape (E,)."""
     batches = _batches(probabilities.read(texts))
-    rows = torch.cat([probabilities.after(batch.texts) for batch in batches])
+    rows = torch.cat([probabilities.after(batch) for _, batch in batches])
     # A mean of probabilities, in log space: exp of a small log-probability would be 0.
     return rows.logsumexp(0) - math.log(len(texts))
 

@@ -11,8 +11,8 @@ trained scorer::
 
 What lies where:
 
-* rules: ``settings`` (options), ``games``, ``conversation`` (with facts to look up), ``plays``
-  (games by settings, by name and number, and by difficulty);
+* rules: ``settings`` (options), ``games``, ``conversation`` (with facts to look up, and the seat
+  of doors with a reset), ``plays`` (games by settings, by name and number, and by difficulty);
 * doors for players: ``text_players`` (programs, and models behind an address), ``mcp_server`` (MCP
   clients), ``inspect_tasks`` (language models in Inspect AI, and their logs);
 * doors for training: ``trl`` (an environment and a data set), ``openenv_server``, ``text_env``

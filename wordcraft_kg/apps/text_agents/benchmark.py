@@ -7,8 +7,9 @@ table as ids of a book, whose content hash guards the ids.
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -17,7 +18,7 @@ import numpy as np
 
 from wordcraft_kg.apps.text_agents.conversation import PartialGraphKnowledge
 from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, Play, TaskGames
-from wordcraft_kg.apps.text_agents.settings import LookUps
+from wordcraft_kg.apps.text_agents.settings import GameSettings, LookUps
 from wordcraft_kg.base import (
     ConfigError,
     Count,
@@ -127,10 +128,7 @@ class Manifest(Record, frozen=True, kw_only=True):
     def names(self) -> list[str]:
         """Names of all tracks, with the shorter tracks (``-lite``) and those with made-up words."""
         endings = ("", "-made-up", "-lite", "-lite-made-up")
-        names: list[str] = []
-        for track in self.tracks:
-            names += [track + ending for ending in endings]
-        return names
+        return [track + ending for track, ending in product(self.tracks, endings)]
 
 
 @cache
@@ -221,6 +219,34 @@ class Track:
         return TaskGames(
             self.world, knowledge, table=lambda task, _: [*frozen.tasks[task].table], **rules
         )
+
+
+def choose_games(
+    graph: str, settings: GameSettings, track: str | None = None, **rules: Any
+) -> Play:
+    """Open the games of a track, or those that the settings describe.
+
+    Args:
+        graph: graph folder, recipe book file, or name of a built-in book.
+        settings: the games; beside a track, only its ``knowledge`` may be given.
+        track: name of a track; None for the games of the settings.
+        rules: further fields of the played settings.
+
+    Raises:
+        ConfigError: for settings that do not fit the graph or the track, or an unknown track.
+        GraphMismatchError: if the scorer is of another graph or split.
+        LeakError: if a scorer would reveal its train recipes on train tasks.
+        TaskError: if the graph has no task for these settings.
+        RecipeFileError: if there is no such graph, or a book cannot be read.
+        ArtefactError: if the scorer's folder or a graph folder is unfinished or damaged.
+    """
+    if track is None:
+        return Play.open(graph, settings, **rules)
+    if (graph, replace(settings, knowledge="none", scorer=None)) != ("everyday", GameSettings()):
+        raise ConfigError(
+            "`track` has its own games; omit the graph and the options of games but `knowledge`."
+        )
+    return open_track(track).play(settings.knowledge, **rules)
 
 
 @cache

@@ -130,6 +130,24 @@ class Entrant:
     weights: Mapping[str, str] = field(default_factory=dict)
     tokens: Mapping[str, int] | None = None
 
+    def facts(self) -> dict[str, Any]:
+        """Return the submission's fields about the player, as the player itself knows them."""
+        prompts = "custom"
+        if self.prompt_hash is None:
+            prompts = "none"
+        elif self.prompt_hash in read_manifest()[0].prompts.values():
+            prompts = "standard"
+        return {
+            "player": acceptable(self.name, LONGEST_NAME),
+            "weights": dict(self.weights),
+            "prompts": prompts,
+            "prompt_hash": self.prompt_hash,
+            "training_data": acceptable(self.training_data),
+            "tokens": None if self.tokens is None else dict(self.tokens),
+            "price": None,
+            "licence": acceptable(self.licence, LONGEST_NAME),
+        }
+
 
 @dataclass(frozen=True)
 class Kind:
@@ -243,23 +261,21 @@ def _with_model(
     track: Track, folder: str, settings: RunSettings, names: Sequence[str] = ("planner",)
 ) -> Entrant:
     """Let a model play: the first of the scorer's players in ``names`` that the model has."""
-    from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer  # these load torch
-    from wordcraft_kg.models.model_folder import open_model
+    from wordcraft_kg.models.model_folder import open_model  # these load torch
     from wordcraft_kg.models.scorers.scorer_folder import WEIGHTS
 
     model = open_model(folder)
-    model_graph = model.opened
     graph = track.opened.graph
     name = Path(folder).name
     # A model of another book has seen none of these recipes, so its split does not matter.
-    if model_graph.graph.hash == graph.hash:
-        check_graph(folder, model_graph, track.opened)
+    if model.opened.graph.hash == graph.hash:
+        check_graph(folder, model.opened, track.opened)
     about: dict[str, Any] = {
         "training_data": _learned_from(model, track, model.kg),
         "weights": {WEIGHTS: model.run.outputs[WEIGHTS]},
     }
     if track.is_open_ended:
-        learner = RecipeDiscoverer(open_guide(folder, graph).recipes)
+        learner = open_guide(folder, graph).learner()
         return Entrant(f"{name}, recipe-learner", discoveries(track, learner), **about)
     best, chooser = best_player(model, graph, names)
     return Entrant(f"{name}, {best}", decisions(track, chooser), **about)
@@ -559,72 +575,48 @@ def enter(track: Track, player: str, settings: RunSettings) -> tuple[str, Entran
     return name, replace(kind.enter(track, argument, settings), weights=weights)
 
 
-@dataclass(frozen=True)
-class Declared:
-    """What the user declares about a player; None where nothing is declared.
+def declarations(
+    name: str | None,
+    training_data: str | None,
+    licence: str | None,
+    tokens: tuple[int, int] | None,
+    price: float | None,
+    weights: Path | None,
+) -> dict[str, Any]:
+    """Return the fields of a submission that a user declares, by their names there.
 
-    Attributes:
-        name: name in tables.
+    Args:
+        name: name in tables; None as for all others if it is not declared.
         training_data: data on which the player was trained.
         licence: licence of the player or its weights.
         tokens: numbers of input and output tokens.
         price: price of the evaluation in US dollars.
+        weights: file with the player's weights, whose name becomes part of the submission.
+
+    Raises:
+        ConfigError: for a text or a number that a submission may not hold.
     """
-
-    name: str | None
-    training_data: str | None
-    licence: str | None
-    tokens: tuple[int, int] | None
-    price: float | None
-
-    def check(self, weights: Path | None) -> None:
-        """Raise a ConfigError for a text or a number that a submission may not hold.
-
-        ``weights`` is the file with the player's weights, whose name becomes part of the
-        submission.
-        """
-        for option, text, limit in (
-            ("name", self.name, LONGEST_NAME),
-            ("training_data", self.training_data, LONGEST_TEXT),
-            ("licence", self.licence, LONGEST_NAME),
-            ("weights", None if weights is None else weights.name, LONGEST_TEXT),
-        ):
-            if text is not None:
-                check_declared(option, text, limit)
-        numbers = f"two numbers of tokens, 0 to {MOST_TOKENS:,}"
-        for number in self.tokens or ():
-            number_in("tokens", number, 0, MOST_TOKENS, numbers)
-        if self.price is not None:
-            number_in("price", self.price, 0, MOST_DOLLARS, f"US dollars, 0 to {MOST_DOLLARS:,}")
-
-    def facts(self, entrant: Entrant) -> dict[str, Any]:
-        """Return fields of the submission: as declared, else as the player's folder says."""
-        tokens = entrant.tokens
-        if tokens is None and self.tokens is not None:
-            tokens = dict(zip(("input", "output"), self.tokens, strict=True))
-        return {
-            "player": self.name or acceptable(entrant.name, LONGEST_NAME),
-            "weights": dict(entrant.weights),
-            "training_data": self.training_data or acceptable(entrant.training_data),
-            "tokens": None if tokens is None else dict(tokens),
-            "price": self.price,
-            "licence": self.licence or acceptable(entrant.licence, LONGEST_NAME),
-        }
-
-
-def prompts_of(entrant: Entrant, declared_hash: str | None) -> dict[str, Any]:
-    """Return the submission's fields about prompts.
-
-    Args:
-        entrant: the player.
-        declared_hash: hash of the user's own prompts; None without any.
-    """
-    prompt_hash = entrant.prompt_hash
-    standard = read_manifest()[0].prompts.values()
-    kind = "none" if prompt_hash is None else "standard"
-    if declared_hash is not None or prompt_hash not in (None, *standard):
-        kind = "custom"
-    return {"prompts": kind, "prompt_hash": declared_hash or prompt_hash}
+    for option, text, limit in (
+        ("name", name, LONGEST_NAME),
+        ("training_data", training_data, LONGEST_TEXT),
+        ("licence", licence, LONGEST_NAME),
+        ("weights", None if weights is None else weights.name, LONGEST_TEXT),
+    ):
+        if text is not None:
+            check_declared(option, text, limit)
+    for number in tokens or ():
+        expected = f"two numbers of tokens, 0 to {MOST_TOKENS:,}"
+        number_in("tokens", number, 0, MOST_TOKENS, expected)
+    if price is not None:
+        number_in("price", price, 0, MOST_DOLLARS, f"US dollars, 0 to {MOST_DOLLARS:,}")
+    fields = {
+        "player": name,
+        "training_data": training_data,
+        "licence": licence,
+        "tokens": None if tokens is None else dict(zip(("input", "output"), tokens, strict=True)),
+        "price": price,
+    }
+    return {key: value for key, value in fields.items() if value is not None}
 
 
 def reproduce(
@@ -661,20 +653,21 @@ def reproduce(
         )
     path = folder / GAMES_FILE
     play = track.play(submission.knowledge)
+    facts = {"kind": kind, **entrant.facts()}
     # Only facts that the player itself knows are compared; users may declare the others.
-    facts: dict[str, Any] = {"kind": kind, "weights": dict(entrant.weights)}
+    names = ["kind", "weights"]
     if entrant.training_data != Entrant.training_data:
-        facts["training_data"] = entrant.training_data
+        names.append("training_data")
     # A player of this package has nothing to declare: another name or licence would be a claim.
     if not KINDS[kind].argument:
-        facts |= {"player": entrant.name, "licence": entrant.licence, "tokens": None, "price": None}
+        names += ["player", "licence", "tokens", "price"]
     if entrant.prompt_hash is None or submission.prompts != "custom":
-        facts["prompt_hash"] = entrant.prompt_hash
-    for name, value in facts.items():
-        if (declared := getattr(submission, name)) != value:
+        names.append("prompt_hash")
+    for name in names:
+        if (declared := getattr(submission, name)) != facts[name]:
             raise ArtefactError(
-                f"{folder}: '{name}' is {declared}, but the given player has {value}. Play as "
-                "before."
+                f"{folder}: '{name}' is {declared}, but the given player has {facts[name]}. Play "
+                "as before."
             )
     # `verify` has checked the file: a line for each game, in the canonical form.
     lines = read_submission_file(folder, GAMES_FILE).splitlines(keepends=True)

@@ -81,8 +81,21 @@ def export_game(
             f"--export {path}: found {graph.num_recipes:,} recipes; a page holds at most "
             f"{MOST_EXPORTED:,}. Use --browser instead."
         )
+    texts = static_texts(PACKAGE, FILES)
+    style = texts["game.css"]
+    script = texts["game.js"]
+    # Nothing but this style and this script works on the page, whatever the labels are.
+    policy = (
+        f"default-src 'none'; style-src 'sha256-{policy_hash(style)}'; "
+        f"script-src 'sha256-{policy_hash(script)}'; "
+        "img-src data:; base-uri 'none'; form-action 'none'"
+    )
+    # Markup: the texts are the package's own; escaping would change the script.
+    page = _page(
+        graph, icons, footer=EXPORTED, policy=policy, style=Markup(style), script=Markup(script)
+    )
     with staged_file(path, force=force) as staged:
-        staged.write_text(_exported_page(graph, icons), encoding="utf-8", newline="\n")
+        staged.write_text(page, encoding="utf-8", newline="\n")
 
 
 def make_game_app(graph: RecipeGraph, host: str, icons: Mapping[int, str] = NO_ICONS) -> ASGIApp:
@@ -98,34 +111,13 @@ def make_game_app(graph: RecipeGraph, host: str, icons: Mapping[int, str] = NO_I
     """
     page = _page(graph, icons, footer=SERVED, policy="")
 
-    def missing(message: str) -> Response:
-        return PlainTextResponse(message, 404)
-
     async def game(_: Request) -> Response:
         return HTMLResponse(page, headers={"Cache-Control": "no-cache"})
 
-    async def elsewhere(_: Request) -> Response:
-        return missing("There is no such page. The game is on the first page.")
-
-    files = file_endpoint(PACKAGE, FILES, missing)
-    routes = [Route("/", game), Route("/files/{name}", files), Route("/{path:path}", elsewhere)]
+    files = file_endpoint(PACKAGE, FILES, lambda message: PlainTextResponse(message, 404))
+    routes = [Route("/", game), Route("/files/{name}", files)]
     router = Router(routes, redirect_slashes=False)
     return Guard(router, host, (), lambda _, message: message, media_type="text/plain")
-
-
-def _exported_page(graph: RecipeGraph, icons: Mapping[int, str]) -> str:
-    texts = static_texts(PACKAGE, FILES)
-    style, script = texts["game.css"], texts["game.js"]
-    # Nothing but this style and this script works on the page, whatever the labels are.
-    policy = (
-        f"default-src 'none'; style-src 'sha256-{policy_hash(style)}'; "
-        f"script-src 'sha256-{policy_hash(script)}'; "
-        "img-src data:; base-uri 'none'; form-action 'none'"
-    )
-    # Markup: the texts are the package's own; escaping would change the script.
-    return _page(
-        graph, icons, footer=EXPORTED, policy=policy, style=Markup(style), script=Markup(script)
-    )
 
 
 def _page(graph: RecipeGraph, icons: Mapping[int, str], **values: Any) -> str:

@@ -26,6 +26,7 @@ from wordcraft_kg.base import (
     ConfigError,
     LeakError,
     json_text,
+    sha256_of,
     staged_file,
     steps,
     write_atomically,
@@ -219,15 +220,6 @@ class ChatCounts:
     by_wording: Counter[int] = field(default_factory=Counter)
 
 
-def canary() -> str:
-    """Return the mark by which large collections of texts can recognise and leave out such data.
-
-    It is the benchmark's canary without its request not to train: these conversations are there to
-    train on, knowingly.
-    """
-    return read_manifest()[0].canary.partition(":")[0]
-
-
 def worded_rules(talk: Conversation, wording: int, *, by_tool: bool) -> str:
     """Return the rules of a game in a wording.
 
@@ -271,6 +263,10 @@ def chat_rows(
     Raises:
         ConfigError: for games of another part than train.
     """
+    # A mark by which large collections of texts can recognise and leave out such data: the
+    # benchmark's canary without its request not to train. These conversations are there to train
+    # on, knowingly.
+    canary = read_manifest()[0].canary.partition(":")[0]
     digests: set[bytes] = set()
     for play in plays:
         if play.settings.part != "train" or play.settings.track:
@@ -283,9 +279,10 @@ def chat_rows(
         rng = np.random.default_rng(key)
         words = np.random.default_rng([*key, 1])
         for talk, pairs in _played(play, player, settings, rng):
-            game = _game(talk)
+            game = talk.game
+            assert isinstance(game, TaskGame)
             wording = int(words.integers(len(WORDINGS) + 1))
-            messages, mistakes = _said(talk, pairs, settings, wording, words, scorer)
+            messages, mistakes = _said(talk, game, pairs, settings, wording, words, scorer)
             counts.played += 1
             counts.made += game.is_made
             if not _is_kept(game, settings.kept, mistakes):
@@ -313,7 +310,7 @@ def chat_rows(
                     "made": game.is_made,
                     "wording": wording,
                     "mistakes": mistakes,
-                    "canary": canary(),
+                    "canary": canary,
                 }
 
 
@@ -334,13 +331,14 @@ def _played(
             play.begin(task, seed)
             for task, seed in zip(numbers, seeds[block].tolist(), strict=True)
         ]
-        ids = [[graph.id_of(label) for label in _game(talk).start] for talk in talks]
+        ids = [[graph.id_of(label) for label in talk.game.labels] for talk in talks]
         tables = padded(ids, world.nothing)
         yield from zip(talks, decided_pairs(world, numbers, tables, player, rng), strict=True)
 
 
 def _said(
     talk: Conversation,
+    game: TaskGame,
     pairs: Sequence[Picks | None],
     settings: ChatSettings,
     wording: int,
@@ -352,23 +350,23 @@ def _said(
     rules = worded_rules(talk, wording, by_tool=by_tool)
     messages: list[Message] = [
         {"role": "system", "content": rules},
-        {"role": "user", "content": talk.game.state},
+        {"role": "user", "content": game.state},
     ]
     if by_tool:
-        messages = [{"role": "user", "content": f"{rules}\n\n{talk.game.state}"}]
+        messages = [{"role": "user", "content": f"{rules}\n\n{game.state}"}]
     mistakes: list[int] = []
     for pair in pairs:
         if not talk.is_over and rng.random() < settings.mistakes:
             mistakes.append(len(messages))
-            messages += _turn(talk, _mistake(_game(talk), rng), by_tool)
+            messages += _turn(talk, _mistake(game, rng), by_tool)
         # A mistake may have taken the last attempt.
         if talk.is_over:
             break
         # An empty slot: there is no answer in words for it.
         if pair is None:
-            talk.game.lose_attempt()
+            game.lose_attempt()
             continue
-        reason = "" if scorer is None else _reason(_game(talk), pair, scorer)
+        reason = "" if scorer is None else _reason(game, pair, scorer)
         messages += _turn(talk, rng.permutation(pair).tolist(), by_tool, reason)
     if by_tool:
         messages.append({"role": "assistant", "content": CLOSING})
@@ -462,11 +460,6 @@ def _is_kept(game: TaskGame, choice: Kept, mistakes: Sequence[int]) -> bool:
     return None not in game.pairs and (choice == "all" or game.is_made)
 
 
-def _game(talk: Conversation) -> TaskGame:
-    assert isinstance(talk.game, TaskGame)
-    return talk.game
-
-
 def write_chats(out: Path, rows: Iterator[dict[str, Any]], *, force: bool = False) -> str:
     """Write conversations as JSON lines, complete or not at all.
 
@@ -482,19 +475,11 @@ def write_chats(out: Path, rows: Iterator[dict[str, Any]], *, force: bool = Fals
         OutputExistsError: if the file exists, without ``force``.
         ConfigError: if there is no conversation.
     """
-    digest = hashlib.sha256()
-
-    def lines() -> Iterator[str]:
-        for row in rows:
-            line = json_text(row) + "\n"
-            digest.update(line.encode())
-            yield line
-
     with staged_file(out, force=force) as staged:
-        write_atomically(staged, lines())
+        write_atomically(staged, (json_text(row) + "\n" for row in rows))
         if not staged.stat().st_size:
             raise ConfigError(
                 "no conversation is left: the player made no goal; expected a better player, or "
                 "`keep` all."
             )
-    return digest.hexdigest()
+    return sha256_of(out)

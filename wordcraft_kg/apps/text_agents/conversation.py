@@ -6,7 +6,7 @@ OpenEnv, TRL, Gymnasium or Inspect.
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -21,6 +21,7 @@ from wordcraft_kg.apps.text_agents.settings import (
 from wordcraft_kg.base import (
     MAX_SIZE,
     ActionError,
+    EpisodeError,
     GraphMismatchError,
     LeakError,
     counted,
@@ -52,6 +53,7 @@ class Knowledge(ABC):
 
     Attributes:
         kind: the kind's name in settings.
+        prompt: name of the prompt text with facts.
         scorer: hash of a scorer's weights; None for facts without a scorer.
         kg: training triples of the scorer (full or partial); one of the full graph remembers the
             test recipes. None for facts without a scorer.
@@ -60,16 +62,11 @@ class Knowledge(ABC):
     scorer: str | None = None
     kg: TrainedOn | None = None
     kind: ClassVar[KnowledgeKind]
-    _prompt: ClassVar[str]
+    prompt: ClassVar[str]
 
     @abstractmethod
     def facts(self, entity: int, game: Game) -> list[str]:
         """Return the facts about an entity (id) as text lines, the most relevant first."""
-
-    def reply(self, label: str, facts: list[str]) -> str:
-        """Return the reply to a look-up: a text with the facts about the entity with this label."""
-        prompt = self._prompt if facts else "no_facts"
-        return prompt_text(prompt, entity=label, facts="\n".join(facts))
 
 
 def hidden_pairs(game: Game) -> set[int]:
@@ -90,7 +87,7 @@ def hidden_pairs(game: Game) -> set[int]:
     # Rounds of crafting until an ingredient can be at hand; -1 if it never can. Shape (R, S).
     # The padding of smaller sets is always at hand.
     rounds = np.append(layers(graph, game.start, usable), 0)[graph.sets[goal_rows, :-1]]
-    in_time = ((rounds >= 0) & (rounds < game.attempts)).all(axis=1)
+    in_time = ((rounds >= 0) & (rounds < game.world.config.attempts)).all(axis=1)
     rows = goal_rows[in_time].tolist()
     for plan in game.tasks.plans[game.task]:
         rows += plan
@@ -105,7 +102,7 @@ class PartialGraphKnowledge(Knowledge):
     """
 
     kind = "partial"
-    _prompt = "known_recipes"
+    prompt = "known_recipes"
 
     def __init__(self, split: Split):
         self.graph = split.graph
@@ -151,7 +148,7 @@ class ScorerKnowledge(Knowledge):
     """
 
     kind = "scorer"
-    _prompt = "likely_links"
+    prompt = "likely_links"
 
     def __init__(
         self,
@@ -265,6 +262,22 @@ def open_knowledge(settings: GameSettings, opened: OpenedGraph) -> Knowledge | N
     )
 
 
+class Seat:
+    """A player's place at one game after another, as interfaces with a reset have it.
+
+    Attributes:
+        talk: the conversation of the present game; None before the first ``reset``.
+    """
+
+    talk: "Conversation | None" = None
+
+    @property
+    def _begun(self) -> "Conversation":
+        if self.talk is None:
+            raise EpisodeError("there is no game; call reset first.")
+        return self.talk
+
+
 LONGEST_ITEM = 1_000
 """Characters of an item that are read: more than the longest label."""
 MOST_ITEMS = 100
@@ -289,7 +302,7 @@ class Conversation:
 
     Attributes:
         game: the game.
-        name: the game's id on a server; empty elsewhere.
+        name: the game's id on a server, or its name in a data set; empty elsewhere.
         invalid_actions: number of messages that were not understood.
         lost_attempts: number of attempts lost by them.
         look_ups: number of entities that were looked up.
@@ -394,7 +407,11 @@ class Conversation:
             OSError: if the game is over now, and cannot be recorded.
         """
         shown_items = [item[:LONGEST_ITEM] for item in items[:MOST_ITEMS]]
-        return self._answer(" + ".join(shown_items), lambda: self._combine(shown_items))
+        at_hand = self.game.labels
+        return self._answer(
+            " + ".join(shown_items),
+            lambda: self.game.combine(*(read_label(item, at_hand) for item in shown_items)),
+        )
 
     def look_up_item(self, item: str) -> str:
         """Look up an item by label, as a tool does; returns the reply as :meth:`combine`."""
@@ -440,10 +457,6 @@ class Conversation:
         self._report_end()
         return reply
 
-    def _combine(self, items: Sequence[str]) -> str:
-        at_hand = self.game.labels
-        return self.game.combine(*(read_label(item, at_hand) for item in items))
-
     def _act(self, message: str) -> str:
         """Carry out the attempt or look-up in a message; ActionError if there is none."""
         line = answer_line(message, self.game.labels)
@@ -472,7 +485,8 @@ class Conversation:
         # Only now: a look-up that failed is not counted.
         self.look_ups += 1
         self.facts = (entities[entity], facts)
-        return self._knowledge.reply(*self.facts)
+        prompt = self._knowledge.prompt if facts else "no_facts"
+        return prompt_text(prompt, entity=entities[entity], facts="\n".join(facts))
 
     def _reject(self, reason: str) -> str:
         self.invalid_actions += 1
@@ -484,18 +498,3 @@ class Conversation:
         self.lost_attempts += 1
         self._in_a_row = 0
         return prompt_text("attempt_lost", reason=reason)
-
-
-def converse(talk: Conversation, answer: Callable[[str], str]) -> list[str]:
-    """Let a player play a game to its end.
-
-    Args:
-        talk: the conversation at its beginning.
-        answer: the player: a function from a prompt to an answer.
-
-    Returns:
-        All messages, prompts and answers in turn; the last one is the outcome.
-    """
-    while not talk.is_over:
-        talk.hear(answer(talk.messages[-1]))
-    return talk.messages

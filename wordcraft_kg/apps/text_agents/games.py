@@ -103,28 +103,32 @@ class Game(ABC):
         self._lose()
 
     def end(self) -> None:
-        """Give up the game, with or without attempts left; a game that is over stays as it is."""
-        if not self.is_over:
-            self._is_ended = True
+        """Give up a game that is not over."""
+        self._is_ended = True
 
     def _check(self) -> None:
         if self.is_over:
             raise EpisodeError("the game is over; start a new game.")
 
     @abstractmethod
-    def _entities(self) -> Iterable[int]: ...
+    def _entities(self) -> Iterable[int]:
+        """Return the ids of :attr:`labels`."""
 
     @abstractmethod
-    def _termination(self) -> str | None: ...
+    def _termination(self) -> str | None:
+        """Return the outcome by the rules as a text; None while an attempt is possible."""
 
     @abstractmethod
-    def _ongoing(self) -> str: ...
+    def _ongoing(self) -> str:
+        """Return the prompt with the state before the end."""
 
     @abstractmethod
-    def _combine(self, *places: int) -> str: ...
+    def _combine(self, *places: int) -> str:
+        """Make an attempt; return a sentence with the result."""
 
     @abstractmethod
-    def _lose(self) -> None: ...
+    def _lose(self) -> None:
+        """Use up an attempt."""
 
 
 class TaskGame(Game):
@@ -137,7 +141,6 @@ class TaskGame(Game):
         task: index of the game's task.
         distractor_seed: seed of the distractors on the table.
         start: labels on the table at the start, in slot order.
-        attempts: attempts in the game.
         actions: number of actions, as agent evaluation counts them: two for an attempt with a pair,
             one for an attempt that was lost by invalid messages.
     """
@@ -168,7 +171,6 @@ class TaskGame(Game):
         env.reset(options={"task": task, "table": table})
         self.goal = self.graph.entities[env.state.goal]
         self.start = self.labels
-        self.attempts = env.world.config.attempts
         self.actions = 0
         self._tried: set[tuple[str, ...]] = set()
 
@@ -222,14 +224,12 @@ class DiscoveryGame(Game):
     """A game in the open-ended world: discover as many entities as possible.
 
     Attributes:
-        number: number of the game in a track; None outside of tracks.
+        number: number of the game, from 0.
         known_after: number of known entities after each attempt so far.
         repeated: number of attempts with a pair that had been tried before.
     """
 
-    def __init__(
-        self, graph: RecipeGraph, discovery: Discovery, attempts: int, number: int | None = None
-    ):
+    def __init__(self, graph: RecipeGraph, discovery: Discovery, attempts: int, number: int):
         """Begin a game; no other game may use ``discovery``."""
         super().__init__(graph, "discover")
         self.number = number
@@ -255,10 +255,7 @@ class DiscoveryGame(Game):
     def _ongoing(self) -> str:
         labels = self.labels
         return prompt_text(
-            "world",
-            known=len(labels),
-            table=numbered(labels),
-            attempts_left=self.attempts_left,
+            "world", known=len(labels), table=numbered(labels), attempts_left=self.attempts_left
         )
 
     def _combine(self, *places: int) -> str:

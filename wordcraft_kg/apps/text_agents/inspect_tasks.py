@@ -6,13 +6,15 @@ point; :func:`read_inspect_log` reads a log of either.
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
 
-from wordcraft_kg.apps.text_agents.benchmark import open_track
+from wordcraft_kg.apps.text_agents.benchmark import choose_games
+from wordcraft_kg.apps.text_agents.games import TaskGame
 from wordcraft_kg.apps.text_agents.plays import Play, chosen_tasks
 from wordcraft_kg.apps.text_agents.results import (
     COUNTS,
@@ -52,7 +54,7 @@ try:
     # A private name, but the only error that Inspect shows without a traceback.
     from inspect_ai._util.error import PrerequisiteError
     from inspect_ai.dataset import MemoryDataset, Sample
-    from inspect_ai.log import EvalLog, EvalSample, read_eval_log
+    from inspect_ai.log import EvalLog, read_eval_log
     from inspect_ai.model import ChatMessage, ChatMessageSystem, ChatMessageUser
     from inspect_ai.scorer import (
         Metric,
@@ -66,7 +68,6 @@ try:
         stderr,
     )
     from inspect_ai.solver import Generate, Solver, TaskState, solver
-    from pydantic import BaseModel
 except ModuleNotFoundError:
     raise missing_extra("inspect", ["Inspect AI"]) from None
 
@@ -82,8 +83,8 @@ _NOT_NEEDED = {"messages", "events", "events_data", "timelines", "store", "outpu
 """Skipped log fields; messages are the largest part."""
 _RULES = {"distractor_seeds": 1, "tasks": None, "max_invalid": MAX_INVALID}
 """Defaults of the parameters that are no :class:`GameSettings`."""
-_PLAYED = "wordcraft_kg_played"
-"""Key in a sample's store, by which the solver hands the game's record to the scorer."""
+_SCORE = "wordcraft_kg_score"
+"""Key in a sample's store, by which the solver hands the game's score to the scorer."""
 
 
 class InspectTaskError(ConfigError, PrerequisiteError):
@@ -141,17 +142,11 @@ def crafting(  # noqa: PLR0913 - parameters are the options of `inspect eval -T`
             scorer=_folder(scorer),
             look_ups=look_ups,
         )
-        rules = {
-            "distractor_seeds": whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE),
-            "tasks": None if tasks is None else whole("tasks", tasks, 1, MAX_SIZE),
-            "max_invalid": whole("max_invalid", max_invalid, 0, MAX_SIZE),
-        }
-        if track is None:
-            play = _open(graph, settings, **rules)
-        elif (graph, settings, rules) != ("everyday", GameSettings(knowledge=knowledge), _RULES):
+        rules = {"distractor_seeds": distractor_seeds, "tasks": tasks, "max_invalid": max_invalid}
+        changed = {name: value for name, value in rules.items() if value != _RULES[name]}
+        if track is not None and changed:
             raise ConfigError("`track` has its own games; omit all but `knowledge`.")
-        else:
-            play = open_track(str(track)).play(knowledge)
+        play = _open(graph, settings, track, **changed)
         played = play.settings
         if played.is_open_ended:  # a track
             return _discovery(play)
@@ -160,11 +155,14 @@ def crafting(  # noqa: PLR0913 - parameters are the options of `inspect eval -T`
         task_numbers = chosen_tasks(play.world, played.tasks).tolist()
         samples: list[Sample] = []
         # Seed by seed: after a part of the run, each task has been played about equally often.
-        for seed in range(played.distractor_seeds):
-            for number in task_numbers:
-                about = {"task": number, "distractor_seed": seed, "goal": all_tasks[number].goal}
-                about["group"] = groups[number]
-                samples.append(_sample(f"{played.part}-{number}-{seed}", play, **about))
+        for seed, number in product(range(played.distractor_seeds), task_numbers):
+            about = {
+                "task": number,
+                "distractor_seed": seed,
+                "goal": all_tasks[number].goal,
+                "group": groups[number],
+            }
+            samples.append(_sample(f"{played.part}-{number}-{seed}", play, **about))
         return _task(play, samples, f"{played.graph}, {played.part}", goal_made())
 
 
@@ -206,16 +204,16 @@ def discovery(
             scorer=_folder(scorer),
             look_ups=look_ups,
         )
-        whole("max_invalid", max_invalid, 0, MAX_SIZE)
-        play = _open(graph, settings, distractor_seeds=games, max_invalid=max_invalid)
-        return _discovery(play)
+        return _discovery(_open(graph, settings, distractor_seeds=games, max_invalid=max_invalid))
 
 
 def _discovery(play: Play) -> Task:
     rules = play.settings
     about = {"attempts": rules.attempts, "known_at_start": len(rules.base)}
-    games = range(rules.distractor_seeds)
-    samples = [_sample(f"world-{game}", play, distractor_seed=game, **about) for game in games]
+    samples = [
+        _sample(f"world-{game}", play, distractor_seed=game, **about)
+        for game in range(rules.distractor_seeds)
+    ]
     return _task(play, samples, rules.graph, known_items())
 
 
@@ -224,11 +222,13 @@ def _folder(scorer: object) -> Path | None:
     return None if scorer is None else Path(str(scorer))
 
 
-def _open(graph: Any, settings: GameSettings, **rules: Any) -> Play:
+def _open(graph: Any, settings: GameSettings, track: object = None, **rules: Any) -> Play:
     # The same of a book's name.
     if not isinstance(graph, str) or not graph:
         raise refuse("graph", graph, "a graph folder, a recipe book file, or a known book")
-    return Play.open(graph, settings, **rules)
+    for name, fewest in (("distractor_seeds", 1), ("max_invalid", 0)):
+        whole(name, rules.get(name, fewest), fewest, MAX_SIZE)
+    return choose_games(graph, settings, None if track is None else str(track), **rules)
 
 
 def _sample(identity: str, play: Play, **about: Any) -> Sample:
@@ -271,41 +271,37 @@ def conversation(play: Play) -> Solver:
         seed = state.metadata["distractor_seed"]
         # The same game as in the sample, whose prompts the model has already got.
         talk = play.begin(state.metadata.get("task", 0), seed)
+        game = talk.game
         try:
-            state = await generate(state)
-            reply = talk.hear(_writable(state.output).completion)
-            while not talk.is_over:
-                state.messages.append(ChatMessageUser(content=reply))
+            while True:
                 state = await generate(state)
-                reply = talk.hear(_writable(state.output).completion)
+                message = state.output.message
+                text = for_file(message.text)
+                # Half a character could be neither sent again nor logged.
+                if text != message.text:
+                    message.text = text
+                reply = talk.hear(text)
+                if talk.is_over:
+                    break
+                state.messages.append(ChatMessageUser(content=reply))
         finally:
             # Also on a limit, which Inspect raises as an error: the game counts as it stands,
             # because a model that runs out of tokens has not made the goal.
             is_finished = talk.is_over
             talk.end()
             # Inspect's log has the messages already.
-            played = as_values(replace(record_of(talk, seed), messages=()))
-            ending = {UNFINISHED: not is_finished, VERDICT: talk.game.state}
-            state.store.set(_PLAYED, {**played, **ending})
+            played = as_values(replace(record_of(talk), messages=()))
+            last = game.pairs[-1] if game.pairs else None
+            score = {
+                "value": int(game.is_made) if isinstance(game, TaskGame) else len(game.labels),
+                "answer": " + ".join(last) if last else None,
+                "explanation": game.state,
+                "metadata": {**played, UNFINISHED: not is_finished, VERDICT: game.state},
+            }
+            state.store.set(_SCORE, score)
         return state
 
     return solve
-
-
-def _writable(value: Any) -> Any:
-    """Return a model's output with texts that a log can hold.
-
-    Otherwise the evaluation would fail, and a retry would play its games again. Objects are changed
-    in place, because the events of the log hold them as well.
-    """
-    if isinstance(value, str):
-        return for_file(value)
-    if isinstance(value, list):
-        value[:] = map(_writable, value)
-    elif isinstance(value, dict | BaseModel):
-        items = value if isinstance(value, dict) else vars(value)
-        items.update({name: _writable(item) for name, item in items.items()})
-    return value
 
 
 @metric(scores="unreduced")
@@ -322,11 +318,9 @@ def crafting_figures() -> Metric:
         played = [_game(score) for score in scores]
         tasks = {game.task for game in played}
         distractor_seeds = {game.distractor_seed for game in played}
-        group_of_task = {}
+        groups = np.zeros(max(tasks) + 1, dtype=np.int64)
         for score, game in zip(scores, played, strict=True):
-            if score.sample_metadata:
-                group_of_task[game.task] = score.sample_metadata["group"]
-        groups = np.array([group_of_task.get(task, task) for task in range(max(tasks) + 1)])
+            groups[game.task] = (score.sample_metadata or {})["group"]
         # The interval needs all distractor seeds. Failed samples may be missing.
         success = None
         if len(played) == len(tasks) * len(distractor_seeds):
@@ -390,41 +384,26 @@ def goal_made() -> Scorer:
 
     The score's metadata is the game's record.
     """
-
-    async def score(state: TaskState, target: Target) -> Score:
-        played = _record(state)
-        last = played["pairs"][-1] if played["pairs"] else None
-        return Score(
-            value=int(played.get("success", False)),
-            answer=" + ".join(last) if last else None,
-            explanation=played[VERDICT],
-            metadata=played,
-        )
-
-    return score
+    return _score_of_solver()
 
 
 @scorer(metrics=[discovery_figures()])
 def known_items() -> Scorer:
     """Return an Inspect scorer: the number of known entities at the end of an open-ended game."""
+    return _score_of_solver()
 
+
+def _score_of_solver() -> Scorer:
     async def score(state: TaskState, target: Target) -> Score:
-        played = _record(state)
-        # A limit may end a game before its first attempt.
-        counts = played.get("known_after") or [state.metadata["known_at_start"]]
-        return Score(value=counts[-1], explanation=played[VERDICT], metadata=played)
+        values = state.store.get(_SCORE)
+        if values is None:
+            raise ArtefactError(
+                f"sample {state.sample_id} has no game: these tasks are scored by their own "
+                "solver; leave --solver out."
+            )
+        return Score(**values)
 
     return score
-
-
-def _record(state: TaskState) -> dict[str, Any]:
-    played = state.store.get(_PLAYED)
-    if played is None:
-        raise ArtefactError(
-            f"sample {state.sample_id} has no game: these tasks are scored by their own solver; "
-            "leave --solver out."
-        )
-    return dict(played)
 
 
 class LoggedTask(Record, frozen=True, kw_only=True):
@@ -460,7 +439,14 @@ def read_inspect_log(
             games.
     """
     path = Path(path)
-    log = _read(path)
+    if not path.is_file():
+        raise ArtefactError(f"{path} is not a file; expected an Inspect AI log, .eval or .json.")
+    try:
+        log = read_eval_log(str(path), exclude_fields=_NOT_NEEDED)
+    except Exception as error:  # a damaged file may raise any error
+        raise ArtefactError(
+            f"{path} cannot be read as an Inspect AI log, .eval or .json ({reason(error)})."
+        ) from None
     about = (log.eval.metadata or {}).get(METADATA)
     if about is None:
         raise ArtefactError(
@@ -478,20 +464,14 @@ def read_inspect_log(
     return header, games, tokens
 
 
-def _read(path: Path) -> EvalLog:
-    if not path.is_file():
-        raise ArtefactError(f"{path} is not a file; expected an Inspect AI log, .eval or .json.")
-    try:
-        return read_eval_log(str(path), exclude_fields=_NOT_NEEDED)
-    except Exception as error:  # a damaged file may raise any error
-        raise ArtefactError(
-            f"{path} cannot be read as an Inspect AI log, .eval or .json ({reason(error)})."
-        ) from None
-
-
 def _scores(path: Path, log: EvalLog, games: int) -> list[dict[str, Any]]:
-    sample_scores = map(_score, log.samples or [])
-    scores = [score for score in sample_scores if score is not None]
+    scores = []
+    for sample in log.samples or []:
+        by_scorer = sample.scores or {}
+        for name in ("goal_made", "known_items"):
+            # A failed game has an error, and a sample of another task other scores.
+            if sample.error is None and name in by_scorer:
+                scores.append(by_scorer[name].metadata or {})
     progress = f"{len(scores):,} of {games:,} games were played"
     if log.status != "success":
         state = {"started": "unfinished", "cancelled": "stopped"}.get(log.status, "failed")
@@ -509,17 +489,6 @@ def _scores(path: Path, log: EvalLog, games: int) -> list[dict[str, Any]]:
             "games with inspect eval-retry."
         )
     return scores
-
-
-def _score(sample: EvalSample) -> dict[str, Any] | None:
-    """Return the metadata of a game's score.
-
-    None for a failed game, or a sample of another task.
-    """
-    for name in ("goal_made", "known_items"):
-        if sample.error is None and sample.scores and name in sample.scores:
-            return sample.scores[name].metadata or {}
-    return None
 
 
 def game_of_score(values: Mapping[str, Any] | None, place: str) -> GameRecord:

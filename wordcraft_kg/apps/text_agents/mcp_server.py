@@ -6,14 +6,13 @@ id for each game, which every other tool takes.
 
 import copy
 import hashlib
+import itertools
 import json
 import logging
 import secrets
-import sys
 from collections import OrderedDict
-from collections.abc import AsyncIterator, Callable, Collection
+from collections.abc import Callable, Collection
 from functools import lru_cache
-from io import TextIOWrapper
 from typing import Annotated, Any, Self
 
 import anyio
@@ -21,7 +20,6 @@ import msgspec
 from mcp.server import MCPServer
 from mcp.server.mcpserver import Context
 from mcp.server.mcpserver.exceptions import ToolError
-from mcp.server.stdio import stdio_server
 from mcp.server.transport_security import TransportSecuritySettings
 from mcp_types import CallToolResult, InputRequiredResult, TextContent, ToolAnnotations
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError
@@ -32,6 +30,7 @@ from wordcraft_kg import __version__
 from wordcraft_kg.apps.text_agents.conversation import MOST_ITEMS, Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGame
 from wordcraft_kg.apps.text_agents.plays import Play
+from wordcraft_kg.apps.text_agents.results import Keep
 from wordcraft_kg.apps.web.guard import LONGEST_BODY, LOOPBACK, Guard
 from wordcraft_kg.base import MAX_SIZE, ActionError, EpisodeError, WordCraftKGError, counted
 from wordcraft_kg.envs.words import prompt_hash, prompt_text
@@ -93,14 +92,15 @@ class HostedGames:
             play.settings, prompt_hash=tools_hash(sets=play.has_sets)
         )
         self._most = most
-        self.keep: Callable[[Conversation], None] = lambda talk: talk.messages.clear()
+        self.keep: Keep = lambda talk: talk.messages.clear()
         self._begun: set[tuple[int, int]] = set()
+        self._numbers = itertools.count()
         self._hosted: OrderedDict[str, Conversation] = OrderedDict()
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> Conversation:
         """Begin a game, see :meth:`Play.begin`.
 
-        On a track each game can be begun once, and open-ended games come in turn. If there are too
+        On a track each game can be begun once; open-ended games come in turn. If there are too
         many games, end and forget a game: finished games first, then the least recent.
 
         Raises:
@@ -109,8 +109,8 @@ class HostedGames:
                 be recorded.
         """
         settings = self.play.settings
-        if settings.track and settings.is_open_ended:
-            distractor_seed = len(self._begun)
+        if settings.is_open_ended:
+            distractor_seed = next(self._numbers)
         key = (task, distractor_seed)
         # Who begins a game again knows it, and could pick the better result.
         if settings.track and (key in self._begun or distractor_seed >= settings.distractor_seeds):
@@ -123,7 +123,8 @@ class HostedGames:
         # Tools say by their schemas how to answer.
         talk.messages = [f"{talk.game.rules}\n\n{talk.game.state}"]
         talk.on_end = self.keep
-        self._begun.add(key)
+        if settings.track:
+            self._begun.add(key)
         if len(self._hosted) >= self._most:
             # `min` takes the first of equals, the least recent one: `game` moves ids to the end.
             oldest = min(self._hosted, key=lambda name: not self._hosted[name].is_over)
@@ -236,10 +237,10 @@ class _Server(MCPServer[Any]):
             ToolError: with a text that tells a player what to do.
         """
         # The SDK drops unknown arguments, so a misspelled optional one would silently do nothing.
-        names: Collection[str] = arguments
-        for tool in await self.list_tools():
-            if tool.name == name:
-                names = tool.input_schema["properties"]
+        properties = {
+            tool.name: tool.input_schema["properties"] for tool in await self.list_tools()
+        }
+        names = properties.get(name, arguments)
         for unknown in arguments.keys() - names:
             expected = ", ".join(names) or "no arguments"
             reason = f"unknown argument '{unknown[:_LONGEST]}': expected {expected}."
@@ -252,34 +253,6 @@ class _Server(MCPServer[Any]):
             if not isinstance(cause, ValidationError | OSError | WordCraftKGError):
                 raise
             raise ToolError(_in_words(cause)) from cause
-
-    async def run_stdio_async(self) -> None:
-        """Serve on the standard streams until the input ends, and answer every message."""
-        streams: tuple[Any, Any] = _messages(), _Answers()
-        async with stdio_server(*streams) as (reader, writer):
-            server = self._lowlevel_server
-            await server.run(reader, writer, server.create_initialization_options())
-
-
-async def _messages() -> AsyncIterator[str]:
-    # Bytes that are no UTF-8 are replaced: one bad message gets an error, and the server goes on.
-    async for line in anyio.wrap_file(TextIOWrapper(sys.stdin.buffer, "utf-8", "replace")):
-        yield line
-    # At the end of its input the SDK cancels calls without an answer: let them come first.
-    await anyio.wait_all_tasks_blocked()
-
-
-class _Answers:
-    """Standard output without threads.
-
-    Writing may block the loop: by then a tool call is over, or waits for its client.
-    """
-
-    async def write(self, line: str) -> None:
-        sys.stdout.buffer.write(line.encode())
-
-    async def flush(self) -> None:
-        sys.stdout.buffer.flush()
 
 
 def _in_words(error: ValidationError | OSError | WordCraftKGError) -> str:
@@ -296,10 +269,6 @@ def _in_words(error: ValidationError | OSError | WordCraftKGError) -> str:
     return str(error)
 
 
-def _no_games() -> HostedGames:
-    raise EpisodeError("this server only lists tools.")
-
-
 def make_server(hosted: HostedGames) -> MCPServer[Any]:
     """Return an MCP server with tools to play the hosted games.
 
@@ -310,7 +279,7 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
     last = None if settings.is_open_ended else len(play.world.tasks) - 1
     has_scorer = settings.knowledge == "scorer"
     rules = play.game().rules
-    return _server(rules, last, settings.look_ups, has_scorer, lambda: hosted, sets=play.has_sets)
+    return _server(rules, last, settings.look_ups, has_scorer, hosted, sets=play.has_sets)
 
 
 @lru_cache(2)
@@ -335,7 +304,7 @@ def _server(
     last: int | None,
     look_ups: int,
     has_scorer: bool,
-    hosted: Callable[[], HostedGames] = _no_games,
+    hosted: Any = None,
     *,
     sets: bool = False,
 ) -> MCPServer[Any]:
@@ -346,7 +315,7 @@ def _server(
         last: index of the last task; None in the open-ended world.
         look_ups: look-ups in a game; without any, there is no such tool.
         has_scorer: whether facts are a scorer's links instead of recipes.
-        hosted: function that returns the games; without it the server only lists its tools.
+        hosted: the :class:`HostedGames`; None for a server that only lists its tools.
         sets: whether recipes have other sizes than two.
     """
     subject = "the likely links of" if has_scorer else "the known recipes of"
@@ -365,11 +334,11 @@ def _server(
 
     @server.tool(title="Get the game state", description=_TOOLS["state"], annotations=_READS)
     async def state(game: _GameName) -> Annotated[CallToolResult, Position]:
-        talk = hosted().game(game)
+        talk = hosted.game(game)
         return _result(talk.game.state, Position.of(talk))
 
     def combined(game: str, *items: str) -> CallToolResult:
-        talk = hosted().game(game)
+        talk = hosted.game(game)
         labels_before = talk.game.labels
         reply = _accepted(talk, lambda: talk.combine(*items))
         new = [label for label in talk.game.labels if label not in labels_before]
@@ -397,7 +366,7 @@ def _server(
 
         @server.tool(title="Look up an item", description=about_look_ups, annotations=_PLAYS)
         async def look_up(game: _GameName, item: _Label) -> Annotated[CallToolResult, Facts]:
-            talk = hosted().game(game)
+            talk = hosted.game(game)
             _accepted(talk, lambda: talk.look_up_item(item))
             label, facts = talk.facts
             look_ups_left = look_ups - talk.look_ups
@@ -407,20 +376,20 @@ def _server(
 
     @server.tool(title="End a game", description=_TOOLS["end"], annotations=_ENDS)
     async def end(game: _GameName) -> Annotated[CallToolResult, Position]:
-        talk = hosted().game(game)
+        talk = hosted.game(game)
         talk.end()
         return _result(talk.game.state, Position.of(talk))
 
     return server
 
 
-def _add_begin(server: MCPServer[Any], last: int | None, hosted: Callable[[], HostedGames]) -> None:
+def _add_begin(server: MCPServer[Any], last: int | None, hosted: Any) -> None:
     """Add the tool ``begin``, which has no arguments in the open-ended world."""
     if last is None:
 
         @server.tool(title="Start a game", description=_TOOLS["begin_world"], annotations=_PLAYS)
         async def begin() -> Annotated[CallToolResult, Begun]:
-            return _begun(hosted().begin())
+            return _begun(hosted.begin())
 
         return
     number = Field(ge=0, le=last, description=f"task number, 0 to {last}")
@@ -438,7 +407,7 @@ def _add_begin(server: MCPServer[Any], last: int | None, hosted: Callable[[], Ho
     async def begin_task(
         task: Annotated[int, number], distractor_seed: Annotated[int, seed] = 0
     ) -> Annotated[CallToolResult, Begun]:
-        return _begun(hosted().begin(task, distractor_seed))
+        return _begun(hosted.begin(task, distractor_seed))
 
 
 def _accepted(talk: Conversation, act: Callable[[], str]) -> str:

@@ -24,22 +24,20 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from wordcraft_kg import __version__
-from wordcraft_kg.apps.text_agents.conversation import Conversation
+from wordcraft_kg.apps.text_agents.conversation import Conversation, Seat
 from wordcraft_kg.apps.text_agents.plays import GameList, NamedGame
-from wordcraft_kg.apps.text_agents.results import GamesWriter
+from wordcraft_kg.apps.text_agents.results import Keep
 from wordcraft_kg.apps.web.guard import LOOPBACK, Guard
 from wordcraft_kg.base import (
     MAX_SIZE,
     ActionError,
     ConfigError,
-    EpisodeError,
     WordCraftKGError,
     whole,
 )
 
 _LAST = 1.0
 """Seconds for the last message to a silent client."""
-_JSON = "application/json"
 LONGEST_ANSWER = 100_000
 """Characters at the end of an answer that are read: only its last line counts."""
 _RESET = ("seed", "episode_id", "split", "index", "task_id")
@@ -87,24 +85,22 @@ _KINDS = {"valid": "validation"}
 """OpenEnv's names of parts, where they differ from ours."""
 
 
-class CraftingSession:
+class CraftingSession(Seat):
     """The games of a client, one at a time.
 
     Attributes:
         games: the games on offer.
     """
 
-    def __init__(self, games: GameList, keep: GamesWriter | None = None):
+    def __init__(self, games: GameList, keep: Keep | None = None):
         """Wait for :meth:`reset`.
 
         Args:
             games: the games on offer.
-            keep: file for finished games; None records nothing.
+            keep: records finished games; None records nothing.
         """
         self.games = games
         self._keep = keep
-        self._game: NamedGame | None = None
-        self._talk: Conversation | None = None
         self._episode: str | None = None
         self._steps = 0
 
@@ -121,7 +117,7 @@ class CraftingSession:
 
         Raises:
             ConfigError: for another argument, a value out of range, or a game that is not offered.
-            OSError: if a game cannot be recorded, of whatever session: no other may begin before.
+            OSError: if the game before cannot be recorded: no other may begin until it is.
         """
         unknown = sorted(arguments.keys() - {*_RESET})
         if unknown:
@@ -130,15 +126,12 @@ class CraftingSession:
         # Begun before the last game ends: a refused reset changes nothing.
         talk = game.begin()
         self.close()
-        if self._keep is not None:
-            self._keep.save()
         talk.on_end = self._keep
-        self._game = game
-        self._talk = talk
+        self.talk = talk
         episode = arguments.get("episode_id")
         self._episode = None if episode is None else str(episode)[:255]
         self._steps = 0
-        return self._observation(talk, talk.opening, reward=None)
+        return _observation(talk, talk.opening, reward=None)
 
     def step(self, action: Any) -> dict[str, Any]:
         """Act in the game; an invalid answer is part of the game, and no error.
@@ -157,11 +150,9 @@ class CraftingSession:
         """
         if not isinstance(action, dict) or action.keys() - {"metadata"} not in _STEP:
             raise ActionError('the action must be {"answer": "first + second"}.')
-        if self._talk is None:
-            raise EpisodeError("there is no game; send reset first.")
-        talk = self._talk
+        talk = self._begun
         if talk.is_over:
-            return self._observation(talk, talk.after_the_end, reward=0.0)
+            return _observation(talk, talk.after_the_end, reward=0.0)
         self._steps += 1
         if "answer" in action:
             reply = talk.hear(_text(action["answer"])[-LONGEST_ANSWER:])
@@ -170,7 +161,7 @@ class CraftingSession:
         else:
             items = action.get("items", [action.get("first"), action.get("second")])
             reply = talk.combine(*map(_text, items if isinstance(items, list) else [items]))
-        return self._observation(talk, reply, reward=talk.reward)
+        return _observation(talk, reply, reward=talk.reward)
 
     @property
     def state(self) -> dict[str, Any]:
@@ -179,13 +170,14 @@ class CraftingSession:
 
     def close(self) -> None:
         """End the game, as its client leaves: on a track, a game that was begun counts as it is."""
-        talk = self._talk
-        if talk is None or talk.is_over:
+        talk = self.talk
+        if talk is None:
             return
-        assert self._game is not None
         # Otherwise a client could leave each game that goes wrong, and begin it again.
-        if not (self._game.play.settings.track and self._steps):
+        is_counted = talk.is_over or (self.games.is_track and self._steps)
+        if not is_counted:
             talk.on_end = None
+        # Of a game that is over, this tries again what a full disk has refused.
         talk.end()
 
     def _chosen(self, arguments: dict[str, Any]) -> NamedGame:
@@ -201,26 +193,28 @@ class CraftingSession:
         index = int(rng.integers(self.games.count(part)))
         return self.games.at(part, index, int(rng.integers(MAX_SIZE)))
 
-    def _observation(
-        self, talk: Conversation, text: str, *, reward: float | None
-    ) -> dict[str, Any]:
-        assert self._game is not None
-        game = talk.game
-        observation = {
-            "text": text,
-            "goal": game.goal,
-            "table": list(game.labels),
-            "attempts_left": game.attempts_left,
-            "task_id": self._game.name,
-        }
-        counts = {"invalid_actions": talk.invalid_actions, "look_ups": talk.look_ups}
-        metadata = {"success": game.is_made, "by_plan": game.by_plan, **counts}
-        return {
-            "observation": observation,
-            "reward": reward,
-            "done": talk.is_over,
-            "metadata": metadata,
-        }
+
+def _observation(talk: Conversation, text: str, *, reward: float | None) -> dict[str, Any]:
+    game = talk.game
+    observation = {
+        "text": text,
+        "goal": game.goal,
+        "table": list(game.labels),
+        "attempts_left": game.attempts_left,
+        "task_id": talk.name,
+    }
+    metadata = {
+        "success": game.is_made,
+        "by_plan": game.by_plan,
+        "invalid_actions": talk.invalid_actions,
+        "look_ups": talk.look_ups,
+    }
+    return {
+        "observation": observation,
+        "reward": reward,
+        "done": talk.is_over,
+        "metadata": metadata,
+    }
 
 
 def _text(value: Any) -> str:
@@ -297,8 +291,11 @@ def _answer(session: CraftingSession, message: str | bytes) -> str | None:
         elif kind == "state":
             answer = session.state
         else:
-            expected = "expected reset with an object as data, step, state or close."
-            return _error("UNKNOWN_TYPE", f"type {str(kind)[:60]!r}: {expected}")
+            return _error(
+                "UNKNOWN_TYPE",
+                f"type {str(kind)[:60]!r}: expected reset with an object as data, step, state or "
+                "close.",
+            )
     except WordCraftKGError as error:
         return _error("EXECUTION_ERROR", str(error))
     except OSError as error:
@@ -313,7 +310,7 @@ def _error(code: str, message: str) -> str:
 def make_openenv_app(
     games: GameList,
     *,
-    keep: GamesWriter | None = None,
+    keep: Keep | None = None,
     sessions: int = 256,
     idle: float = 900.0,
     host: str = LOOPBACK[0],
@@ -323,30 +320,36 @@ def make_openenv_app(
 
     Args:
         games: the games on offer.
-        keep: file for finished games; None records nothing.
+        keep: records finished games; None records nothing.
         sessions: most sessions at a time; a further client is told so.
         idle: seconds without a message after which a session ends.
         host: address on which the server listens.
         more_hosts: further names by which clients may ask it, such as a proxy's.
     """
     open_sessions = _Sessions(lambda: CraftingSession(games, keep), sessions, idle)
-    about = {"name": NAME, "description": "crafting games by text", "version": __version__}
-    schemas = {"action": ACTION_SCHEMA, "observation": OBSERVATION_SCHEMA, "state": STATE_SCHEMA}
     facts: dict[str, Any] = {
         "/health": {"status": "healthy"},
-        "/metadata": about,
-        "/schema": schemas,
+        "/metadata": {
+            "name": NAME,
+            "description": "crafting games by text",
+            "version": __version__,
+        },
+        "/schema": {
+            "action": ACTION_SCHEMA,
+            "observation": OBSERVATION_SCHEMA,
+            "state": STATE_SCHEMA,
+        },
         "/state": CraftingSession(games).state,
+        "/list_environments": [NAME],
+        f"/{NAME}/splits": [{"name": part, "type": _KINDS.get(part, part)} for part in games.plays],
     }
-    # Nobody goes on with a game that HTTP begins.
-    begin = _endpoint(games, lambda games, query: CraftingSession(games).reset(query))
     routes = [Route(path, _constant(fact)) for path, fact in facts.items()]
     routes += [
-        Route("/reset", begin, methods=["POST"]),
         Route("/step", _constant({"detail": _BY_SOCKET}, 409), methods=["POST"]),
         Route("/mcp", _constant(_NO_MCP), methods=["POST"]),
-        *task_routes(games),
     ]
+    for path, find in _QUERIES.items():
+        routes.append(Route(path, _endpoint(games, find), methods=["POST"]))
     routes.append(Route("/openapi.json", _constant(_openapi(routes))))
     router = Router([*routes, WebSocketRoute("/ws", open_sessions.serve)])
     return Guard(
@@ -355,7 +358,7 @@ def make_openenv_app(
         more_hosts,
         lambda _, message: json.dumps({"detail": message}),
         methods=("GET", "HEAD", "POST"),
-        media_type=_JSON,
+        media_type="application/json",
     )
 
 
@@ -391,24 +394,17 @@ def _range(games: GameList, query: dict[str, Any]) -> list[dict[str, Any]]:
     return [_task(games, part, index) for index in places]
 
 
-_TASK_API: dict[str, Callable[[GameList, dict[str, Any]], dict[str, Any]]] = {
-    "num_tasks": lambda games, query: {"num_tasks": games.count(query.get("split", ""))},
-    "task": lambda games, query: {"task": _task(games, query.get("split", ""), query.get("index"))},
-    "tasks": lambda games, query: {"tasks": _range(games, query), "env_name": NAME},
-    "task_range": lambda games, query: {"tasks": _range(games, query)},
+_QUERIES: dict[str, Callable[[GameList, dict[str, Any]], dict[str, Any]]] = {
+    # Nobody goes on with a game that HTTP begins.
+    "/reset": lambda games, query: CraftingSession(games).reset(query),
+    f"/{NAME}/num_tasks": lambda games, query: {"num_tasks": games.count(query.get("split", ""))},
+    f"/{NAME}/task": lambda games, query: {
+        "task": _task(games, query.get("split", ""), query.get("index"))
+    },
+    f"/{NAME}/tasks": lambda games, query: {"tasks": _range(games, query), "env_name": NAME},
+    f"/{NAME}/task_range": lambda games, query: {"tasks": _range(games, query)},
 }
-
-
-def task_routes(games: GameList) -> list[Route]:
-    """Return the addresses of the Task API for the games on offer."""
-    parts = [{"name": part, "type": _KINDS.get(part, part)} for part in games.plays]
-    routes = [
-        Route("/list_environments", lambda request: JSONResponse([NAME])),
-        Route(f"/{NAME}/splits", lambda request: JSONResponse(parts)),
-    ]
-    for name, find in _TASK_API.items():
-        routes.append(Route(f"/{NAME}/{name}", _endpoint(games, find), methods=["POST"]))
-    return routes
+"""Addresses of requests with a JSON object, and functions that answer them for games on offer."""
 
 
 def _endpoint(games: GameList, find: Callable[..., Any]) -> Any:

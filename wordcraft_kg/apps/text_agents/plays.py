@@ -18,6 +18,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,6 @@ from wordcraft_kg.base import (
     ConfigError,
     counted,
     number_in,
-    one_of,
     whole,
 )
 from wordcraft_kg.base.labels import ANSWER_GRAMMAR
@@ -47,7 +47,7 @@ from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.envs.world_config import REWARDS, WordCraftConfig
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import Entity, Ids, OpenedGraph, TaskPart, open_graph
 
 DIFFICULTY_FILE = Path(__file__).parent / "difficulty.csv.gz"
@@ -190,8 +190,12 @@ class Play(ABC):
         # Without a source the number means nothing; equal games have equal settings.
         offer: dict[str, Any] = {"look_ups": 0}
         if knowledge is not None:
-            offer = {"knowledge": knowledge.kind, "look_ups": look_ups}
-            offer |= {"scorer": knowledge.scorer, "kg": knowledge.kg}
+            offer = {
+                "knowledge": knowledge.kind,
+                "look_ups": look_ups,
+                "scorer": knowledge.scorer,
+                "kg": knowledge.kg,
+            }
         self.settings = PlayedSettings(
             graph=opened.graph.name,
             graph_hash=opened.graph.hash,
@@ -242,7 +246,9 @@ class Play(ABC):
     def world(self) -> World:
         """The world of the tasks; raises ConfigError for open-ended games."""
         if self._world is None:
-            raise ConfigError("open-ended games have no tasks; expected games on tasks.")
+            raise ConfigError(
+                "open-ended games have neither tasks nor a reward; expected games on tasks."
+            )
         return self._world
 
     @abstractmethod
@@ -371,19 +377,17 @@ class DiscoveryGames(Play):
     def game(self, task: int = 0, distractor_seed: int = 0) -> DiscoveryGame:  # noqa: D102
         # The discovery changes with every attempt, so each game has its own.
         discovery = copy.copy(self.discovery)
-        number = None
         if self._orders:
             number = whole("game", distractor_seed, 0, len(self._orders) - 1)
             discovery.base = self._orders[number]
         discovery.restart()
-        return DiscoveryGame(self._graph, discovery, self.settings.attempts, number)
+        return DiscoveryGame(self._graph, discovery, self.settings.attempts, distractor_seed)
 
 
 _PLAYS_IN_MEMORY = 32
 """Opened graphs with settings: more than a mixture of depths and numbers of distractors needs."""
 # At most nine digits: a text of digits could be a number of any size.
 _SEED = re.compile("[0-9]{1,9}")
-_PART = re.compile(r"-(?P<part>train|valid|test|all)-[0-9]+-[0-9]+-[0-9]+$")
 
 
 @lru_cache(maxsize=_PLAYS_IN_MEMORY)
@@ -419,7 +423,6 @@ def open_play(
         RecipeFileError: if there is no such graph, or a book cannot be read.
         ArtefactError: if a graph folder is damaged.
     """
-    one_of("reward", reward, tuple(REWARDS))
     settings = GameSettings(
         part=part,
         depth=depth,
@@ -470,8 +473,10 @@ class NamedGame:
         return f"{self.of_task}-{self.distractor_seed}"
 
     def begin(self) -> Conversation:
-        """Begin the game; raises ConfigError for a seed out of range."""
-        return self.play.begin(self.task, self.distractor_seed)
+        """Begin the game, under its name; raises ConfigError for a seed out of range."""
+        talk = self.play.begin(self.task, self.distractor_seed)
+        talk.name = self.name
+        return talk
 
 
 class GameList:
@@ -480,6 +485,7 @@ class GameList:
     Attributes:
         plays: for each offered part the games, one :class:`Play` for each depth and number of
             distractors. The offered tasks of a part are numbered through all of them.
+        is_track: whether the games are of a benchmark's track.
 
     Example:
         >>> games = GameList({"train": [open_play("kitchen", "train", 1, 2, None)]})
@@ -492,6 +498,7 @@ class GameList:
     ):
         """Take the games, or those of them whose tasks have a measured difficulty in a range."""
         self.plays = plays
+        self.is_track = any(play.settings.track for play in chain.from_iterable(plays.values()))
         self._games: dict[str, list[NamedGame]] = {}
         self._by_task: dict[str, NamedGame] = {}
         for part, of_part in plays.items():
@@ -529,19 +536,15 @@ class GameList:
         """Return the game with a name.
 
         Raises:
-            ConfigError: for another text, or a game that is not offered; a game of a part that is
-                not offered is refused by the name of the part.
+            ConfigError: for another text, or a game that is not offered.
         """
         task_name, _, seed = name.rpartition("-") if isinstance(name, str) else ("", "", "")
         if task_name in self._by_task and _SEED.fullmatch(seed):
             return replace(self._by_task[task_name], distractor_seed=int(seed))
-        if part := _PART.search(task_name):
-            # This raises the error for a part that is not offered.
-            self._of_part(part["part"])
         example = self.at(next(iter(self.plays)), 0).name
         raise ConfigError(
-            f"`task_id` {_shown(name)} is no game of this server; expected a graph, a depth, a "
-            f"number of distractors and a task that it has, such as '{example}'."
+            f"`task_id` {_shown(name)} is no game of this server; expected a graph, a part, a "
+            f"depth, a number of distractors and a task that it has, such as '{example}'."
         )
 
     def _of_part(self, part: Any) -> list[NamedGame]:

@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -18,7 +18,7 @@ import numpy as np
 
 from wordcraft_kg.agents.agent_records import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.agents.discovery import LATER_MARKS, MARKS
-from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
+from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TaskGame
 from wordcraft_kg.apps.text_agents.plays import Play, TaskGames, chosen_tasks
 from wordcraft_kg.apps.text_agents.settings import PlayedSettings
@@ -156,12 +156,7 @@ def open_games(path: Path, header: GamesHeader) -> list[GameRecord]:
                 os.truncate(path, path.stat().st_size - len(torn))
             return [*played]
     os.truncate(path, 0)
-    try:
-        append_game(path, header)
-    except OSError:
-        # Such as a full disk: a file without a game is as good as none.
-        path.unlink()
-        raise
+    append_game(path, header)
     return []
 
 
@@ -198,13 +193,8 @@ def _check_header(path: Path, stored: GamesHeader, header: GamesHeader) -> None:
             )
 
 
-def record_of(talk: Conversation, number: int = 0) -> GameRecord:
-    """Return the record of the finished game in a conversation.
-
-    Args:
-        talk: the conversation.
-        number: number of an open-ended game; a track's own number wins.
-    """
+def record_of(talk: Conversation) -> GameRecord:
+    """Return the record of the finished game in a conversation."""
     game = talk.game
     counts = {name: getattr(talk, name) for name in COUNTS}
     # A record is written whatever the player says: a game without one could be played again.
@@ -212,7 +202,7 @@ def record_of(talk: Conversation, number: int = 0) -> GameRecord:
     pairs = tuple(game.pairs)
     if isinstance(game, DiscoveryGame):
         return GameRecord(
-            distractor_seed=number if game.number is None else game.number,
+            distractor_seed=game.number,
             known_after=tuple(game.known_after),
             repeated=game.repeated,
             messages=messages,
@@ -243,56 +233,25 @@ def _termination_of(game: TaskGame) -> TerminationReason:
     last = game.pairs[-1] if game.pairs else None
     if last is None:
         return "no_recipe"
-    # The ingredients of each plan's last step, which makes the goal.
-    parts: set[str] = set()
-    for plan in game.tasks[game.task].plans:
-        parts.update(plan[-1].ingredients)
     if len(set(last)) == 1 < len(last):
         return "same_twice"
-    if parts.intersection(last):
+    # The last step of each plan makes the goal.
+    parts = chain.from_iterable(plan[-1].ingredients for plan in game.tasks[game.task].plans)
+    if {*parts} & {*last}:
         return "one_right_part"
     picks = tuple(sorted(map(game.graph.id_of, last)))
     return "no_right_part" if picks in game.world.outcomes else "no_recipe"
 
 
-class GamesWriter:
-    """A file to which a server appends finished games, in the order in which they end."""
-
-    def __init__(self, path: Path, count: int):
-        """Bind the file, which is locked and has ``count`` games."""
-        self._path = path
-        self._count = count
-        self._waiting: list[GameRecord] = []
-
-    def __call__(self, talk: Conversation) -> None:
-        """Record a finished game, and save it; a further call only tries to save it again.
-
-        Raises:
-            OSError: as :meth:`save`.
-        """
-        # Without messages it was recorded before.
-        if talk.messages:
-            self._waiting.append(record_of(talk, self._count))
-            self._count += 1
-            talk.messages.clear()
-        self.save()
-
-    def save(self) -> None:
-        """Write the games that could not be written before, such as on a full disk.
-
-        They come before all later games, so a game that went wrong is never the second of its task.
-
-        Raises:
-            OSError: if a game cannot be written; it still waits.
-        """
-        while self._waiting:
-            append_game(self._path, self._waiting[0])
-            del self._waiting[0]
+Keep = Callable[[Conversation], None]
+"""Records a finished game; a further call does nothing, or tries again after an OSError."""
 
 
 @contextmanager
-def games_writer(path: Path, header: GamesHeader) -> Iterator[GamesWriter]:
+def games_writer(path: Path, header: GamesHeader) -> Iterator[Keep]:
     """Lock a games file, and yield a function that appends a finished game with its messages.
+
+    The function raises OSError if a game cannot be written, such as on a full disk.
 
     Args:
         path: the file; it is created if it does not exist, and continued if it does.
@@ -303,20 +262,21 @@ def games_writer(path: Path, header: GamesHeader) -> Iterator[GamesWriter]:
         GraphMismatchError: if its games are of another graph or split.
         ConfigError: if its games are of another player or other settings.
     """
+
+    def keep(talk: Conversation) -> None:
+        # Without messages it was recorded before.
+        if talk.messages:
+            append_game(path, record_of(talk))
+            talk.messages.clear()
+
     with made_folder(path.parent):
         if not path.exists():
             path.touch()  # the lock needs a file
         # No device, folder or broken link: records are appended for as long as the server runs.
         check_file(path)
         with locked(path, "written"):
-            writer = GamesWriter(path, len(open_games(path, header)))
-            try:
-                yield writer
-            finally:
-                try:
-                    writer.save()
-                except OSError as error:
-                    logging.getLogger(__name__).error("games were not saved: %s", error)
+            open_games(path, header)
+            yield keep
 
 
 def evaluation_of(played: Sequence[GameRecord], groups: Ids | None = None) -> "Evaluation":
@@ -449,9 +409,10 @@ def play_all(
             del missing[key]
 
         def play_game(task_and_seed: tuple[int, int]) -> GameRecord:
-            conversation = play.begin(*task_and_seed)
-            converse(conversation, player.speaker(conversation))
-            return record_of(conversation, task_and_seed[1])
+            talk = play.begin(*task_and_seed)
+            while not talk.is_over:
+                talk.hear(player.answer(talk))
+            return record_of(talk)
 
         for record in _in_turn(play_game, list(missing), parallel):
             played.append(record)

@@ -80,11 +80,12 @@ LONGEST_FILE_NAME = 255
 # Declared texts are letters and digits of any script, with common punctuation. Refused are
 # characters that mark up text or columns (angle brackets, bars, backquotes, backslashes), addresses
 # of mail, control and invisible characters, and the page's own daggers.
-_PATTERN = (
-    "^[^\\u0000-\\u001f\\u007f-\\u00a0\\u00ad\\u034f\\u061c\\u115f\\u1160\\u1680\\u17b4\\u17b5"
+_REFUSED = (
+    "\\u0000-\\u001f\\u007f-\\u00a0\\u00ad\\u034f\\u061c\\u115f\\u1160\\u1680\\u17b4\\u17b5"
     "\\u180e\\u2000-\\u200f\\u2020\\u2021\\u2028-\\u202f\\u205f-\\u206f\\u2800\\u3000\\u3164"
-    "\\ufe00-\\ufe0f\\ufeff\\uffa0\\ufff9-\\uffff<>|`\\\\@]+$"
+    "\\ufe00-\\ufe0f\\ufeff\\uffa0\\ufff9-\\uffff<>|`\\\\@"
 )
+_PATTERN = f"^[^{_REFUSED}]+$"
 # The pattern is for other programs: here, `check_declared` refuses the same texts in words.
 _SHOWN: Any = {"pattern": _PATTERN}
 _Name = Annotated[
@@ -534,9 +535,7 @@ def acceptable(text: str, longest: int = LONGEST_TEXT) -> str:
     A dash is in the place of refused characters; if this is not enough, the text is "not declared".
     A player's own name and folder give such texts, and must not stop a long evaluation at its end.
     """
-    # `^[^...]+$` allows other characters than these; `[...]` finds one of them.
-    pattern = _PATTERN.replace("[^", "[").replace("+$", "").removeprefix("^")
-    plain = re.sub(pattern, "-", text)
+    plain = re.sub(f"[{_REFUSED}]", "-", text)
     printable = "".join(char if char.isprintable() else "-" for char in plain).strip()[:longest]
     try:
         check_declared("text", printable, longest)
@@ -645,11 +644,9 @@ def submissions_at(path: Path) -> list[Path]:
         path: a folder or an archive; a folder without a submission and a damaged archive are
             returned as they are, so that reading them says what is wrong.
     """
-    if path.is_file() and path.suffix == ARCHIVE:
-        return _in_archive(path)
     folders = [file.parent for file in path.rglob(SUBMISSION_FILE)]
-    for archive in path.rglob(f"*{ARCHIVE}"):
-        if archive.is_file():
+    for archive in (path, *path.rglob(f"*{ARCHIVE}")):
+        if archive.suffix == ARCHIVE and archive.is_file():
             folders += _in_archive(archive)
     return sorted(folders) or [path]
 
@@ -665,7 +662,9 @@ def read_submission_file(submission: Path, name: str) -> bytes:
     Raises:
         ArtefactError: if the file is missing, too large or damaged.
     """
-    path = _archive_of(submission)
+    paths = (submission, *submission.parents)
+    # The archive that the path names or goes into; None outside of archives.
+    path = next((path for path in paths if path.suffix == ARCHIVE and path.is_file()), None)
     if path is None:
         return read_small_file(submission / name)
     archive = ZipArchive(path, read_small_file(path))
@@ -679,12 +678,6 @@ def read_submission_file(submission: Path, name: str) -> bytes:
     return archive.read(member, SMALL_FILE)
 
 
-def _archive_of(submission: Path) -> Path | None:
-    """Return the archive that a path names or goes into; None outside of archives."""
-    paths = (submission, *submission.parents)
-    return next((path for path in paths if path.suffix == ARCHIVE and path.is_file()), None)
-
-
 def _in_archive(archive: Path) -> list[Path]:
     """Return the paths of an archive's submissions; the archive itself if it has or shows none."""
     try:
@@ -692,4 +685,4 @@ def _in_archive(archive: Path) -> list[Path]:
     except ArtefactError:
         return [archive]
     folders = [archive / member.parent for member in members if member.name == SUBMISSION_FILE]
-    return sorted(folders) or [archive]
+    return folders or [archive]

@@ -9,11 +9,11 @@ from typing import Any
 import gymnasium as gym
 from gymnasium import spaces
 
-from wordcraft_kg.apps.text_agents.conversation import Conversation, PartialGraphKnowledge
+from wordcraft_kg.apps.text_agents.conversation import Seat, open_knowledge
 from wordcraft_kg.apps.text_agents.games import TaskGame
 from wordcraft_kg.apps.text_agents.plays import TaskGames, chosen_tasks
-from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
-from wordcraft_kg.base import MAX_SIZE, ActionError, ConfigError, EpisodeError, one_of, whole
+from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, GameSettings, LookUps
+from wordcraft_kg.base import MAX_SIZE, ActionError, ConfigError
 from wordcraft_kg.envs.words import characters
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import METADATA, check_mode
@@ -28,7 +28,7 @@ _UNKNOWN = "\N{REPLACEMENT CHARACTER}"
 Info = dict[str, Any]
 
 
-class TextEnv(gym.Env[str, str]):
+class TextEnv(Seat, gym.Env[str, str]):
     """``WordCraft-Text-v0``: make a goal, attempt by attempt, in words.
 
     ## Description
@@ -90,12 +90,10 @@ class TextEnv(gym.Env[str, str]):
             RecipeFileError: if there is no such graph, or a book cannot be read.
         """
         check_mode(render_mode)
-        one_of("knowledge", knowledge, ("none", "partial"))
+        offer = GameSettings(knowledge=knowledge, look_ups=look_ups)
         self.render_mode = render_mode
         self.world = World.of(graph, settings)
-        self.talk: Conversation | None = None
-        whole("look_ups", look_ups, 0, MAX_SIZE)
-        facts = PartialGraphKnowledge(self.world.split) if knowledge == "partial" else None
+        facts = open_knowledge(offer, self.world.opened)
         self._play = TaskGames(self.world, facts, look_ups=look_ups)
         self._tasks = chosen_tasks(self.world, None, difficulty)
         charset = characters(self.world.graph).union(string.printable, _UNKNOWN)
@@ -155,12 +153,6 @@ class TextEnv(gym.Env[str, str]):
             EpisodeError: before :meth:`reset`.
         """
         return None if self.render_mode is None else self._begun.game.state
-
-    @property
-    def _begun(self) -> Conversation:
-        if self.talk is None:
-            raise EpisodeError("there is no game; call reset() first.")
-        return self.talk
 
     def _info(self) -> Info:
         talk = self._begun

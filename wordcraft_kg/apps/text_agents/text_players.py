@@ -21,6 +21,7 @@ alone, and no message shows it. A redirection is refused, since it would carry t
 server.
 """
 
+import itertools
 import json
 import os
 import shlex
@@ -29,7 +30,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager, suppress
 from http.client import HTTPException
 from pathlib import Path
@@ -54,8 +55,8 @@ class TextPlayer(Protocol):
 
     name: str
 
-    def speaker(self, talk: Conversation) -> Callable[[str], str]:
-        """Begin a game: return a function from a prompt in this conversation to the answer."""
+    def answer(self, talk: Conversation) -> str:
+        """Return the answer to the last message of a game that is not over."""
 
 
 MOST_CHARACTERS = 100_000
@@ -130,13 +131,12 @@ class LinePlayer(AbstractContextManager["LinePlayer"]):
         self._games = 0
         self._lines: Queue[bytes | None] = Queue(_MOST_WAITING)
         try:
-            pipe = subprocess.PIPE
             # A session of its own: Ctrl-C reaches this process alone, which then saves the games
             # and ends the program; and the program's process group can be killed as a whole.
             self._process = subprocess.Popen(
                 words,
-                stdin=pipe,
-                stdout=pipe,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
                 start_new_session=True,
                 env=player_environment(os.environ),
             )
@@ -167,27 +167,20 @@ class LinePlayer(AbstractContextManager["LinePlayer"]):
         self._process.kill()
         self._process.wait()
 
-    def speaker(self, talk: Conversation) -> Callable[[str], str]:
-        """Begin a game: return a function from a prompt in this conversation to the answer.
-
-        The function raises PlayerError as :meth:`ask`.
-        """
-        self._games += 1
-        number = self._games
-
-        def answer(prompt: str) -> str:
-            game = talk.game
-            line = {
-                "game": number,
-                "new": prompt == talk.opening,
-                "text": prompt,
-                "goal": game.goal,
-                "table": list(game.labels),
-                "attempts_left": game.attempts_left,
-            }
-            return self.ask(json.dumps(line, ensure_ascii=False))
-
-        return answer
+    def answer(self, talk: Conversation) -> str:
+        """Return the answer to the last message of a game; raises PlayerError as :meth:`ask`."""
+        is_new = len(talk.messages) == 1
+        self._games += is_new
+        game = talk.game
+        line = {
+            "game": self._games,
+            "new": is_new,
+            "text": talk.messages[-1],
+            "goal": game.goal,
+            "table": list(game.labels),
+            "attempts_left": game.attempts_left,
+        }
+        return self.ask(json.dumps(line, ensure_ascii=False))
 
     def ask(self, line: str) -> str:
         """Send a line, and return the answer.
@@ -210,7 +203,7 @@ class LinePlayer(AbstractContextManager["LinePlayer"]):
 
     def _receive(self, timeout: float) -> str:
         try:
-            answer = self._lines.get(timeout=timeout) if timeout else self._lines.get_nowait()
+            answer = self._lines.get(timeout=timeout)
         except Empty:
             raise self._error(
                 f"did not answer within {self._timeout:g} seconds: expected one line per input "
@@ -307,8 +300,8 @@ def name_of(words: list[str]) -> str:
 
 KEY = "OPENAI_API_KEY"
 """Environment variable with the key; servers on this machine need none."""
-_TRIES = 5
-"""Requests for an answer, with pauses of 1, 2, 4 and 8 seconds."""
+_PAUSES = (0, 1, 2, 4, 8)
+"""Seconds before each request for an answer."""
 _BUSY = (408, 409, 429, 500, 502, 503, 504)
 """Statuses after which another request may succeed."""
 _MOST_TOKENS = 1_000
@@ -357,7 +350,7 @@ class ChatServer:
             model: the model's name on the server.
             base_url: address of the API, such as ``http://127.0.0.1:8000/v1``.
             timeout: seconds for a reply.
-            pause: seconds before the second request; each further pause is twice as long.
+            pause: factor of the pauses between requests.
 
         Raises:
             ConfigError: if the address is none of HTTP, or the key cannot be sent.
@@ -380,17 +373,11 @@ class ChatServer:
             )
         self._opener = build_opener(_NoRedirects())
 
-    def speaker(self, talk: Conversation) -> Callable[[str], str]:
-        """Begin a game: return a function from a prompt in this conversation to the answer."""
-        messages: list[dict[str, str]] = []
-
-        def answer(prompt: str) -> str:
-            messages.append({"role": "user", "content": prompt})
-            text = self.ask(messages)
-            messages.append({"role": "assistant", "content": text})
-            return text
-
-        return answer
+    def answer(self, talk: Conversation) -> str:
+        """Return the answer to the last message of a game; raises PlayerError as :meth:`ask`."""
+        roles = itertools.cycle(("user", "assistant"))
+        turns = zip(roles, talk.messages, strict=False)
+        return self.ask([{"role": role, "content": text} for role, text in turns])
 
     def ask(self, messages: list[dict[str, str]]) -> str:
         """Return the model's answer to a conversation.
@@ -408,23 +395,21 @@ class ChatServer:
         if self._key:
             headers["Authorization"] = f"Bearer {self._key}"
         request = Request(self._address, json.dumps(body).encode(), headers)
-        for number in range(_TRIES):
+        for pause in _PAUSES:
+            time.sleep(self._pause * pause)
             try:
                 with self._opener.open(request, timeout=self._timeout) as response:
                     return self._read(response.read(_LONGEST_REPLY))
             except HTTPError as error:
                 content = error.read(_LONGEST_REPLY).decode("utf-8", "replace")
                 failure = f"answers with {error.code}: {content or error.reason}"
-                is_final = error.code not in _BUSY
+                if error.code not in _BUSY:
+                    break
             except TimeoutError:
                 failure = f"has not answered in {self._timeout:g} seconds"
-                is_final = False
             except (URLError, HTTPException, OSError) as error:
                 failure = f"does not answer ({getattr(error, 'reason', error)}). Start the server"
-                is_final = True
-            if is_final or number + 1 == _TRIES:
                 break
-            time.sleep(self._pause * 2**number)
         raise PlayerError(f"{self._address} {self._shown(failure)}.")
 
     def _read(self, data: bytes) -> str:

@@ -19,10 +19,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain, product, zip_longest
 from typing import TYPE_CHECKING, Any, Literal
 
-from wordcraft_kg.apps.text_agents.conversation import Conversation
+from wordcraft_kg.apps.text_agents.conversation import Conversation, Seat
 from wordcraft_kg.apps.text_agents.plays import NamedGame, chosen_tasks, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
-from wordcraft_kg.base import ConfigError, EpisodeError, whole
+from wordcraft_kg.base import ConfigError, whole
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.graphs.tasks import TaskPart
 
@@ -69,39 +69,31 @@ def begin_row(row: Mapping[str, Any]) -> Conversation:
             "Make the data set with crafting_dataset."
         )
     play = open_play(*(row[name] for name in _SETTINGS))
-    if play.settings.split_hash != row["split_hash"]:
-        raise ConfigError(
-            f"the row is of another split of '{row['graph']}', in which its task may be a test "
-            "task. Make the data set again with crafting_dataset."
-        )
     game = NamedGame(play, row["task"], row["distractor_seed"])
     talk = game.begin()
-    if talk.game.goal != row["goal"]:
-        raise ConfigError(
-            f"task {game.task} of the part {row['part']} makes {talk.game.goal!r}, and the row's "
-            f"goal is {row['goal']!r}: the row was changed. Make the data set again."
-        )
-    task_id = row.get("task_id")
-    if task_id is not None and task_id != game.name:
-        raise ConfigError(
-            f"the row is named {str(task_id)[:100]!r}, and its columns are of the game "
-            f"'{game.name}': the row was changed. Make the data set again."
-        )
+    facts = {
+        "split_hash": play.settings.split_hash,
+        "goal": talk.game.goal,
+        "task_id": game.name,
+    }
+    for name, value in facts.items():
+        # A row may have no name: its columns say everything.
+        if row.get(name) not in (None, value):
+            raise ConfigError(
+                f"the row's {name} is {str(row[name])[:100]!r}, and its game has {value!r}: the "
+                f"row was changed, or made for another split of '{row['graph']}', in which its "
+                "task may be a test task. Make the data set again with crafting_dataset."
+            )
     return talk
 
 
-class CraftingEnvironment:
+class CraftingEnvironment(Seat):
     """A crafting game, played by the tool ``combine``.
 
     An invalid call costs nothing, but after three in a row the next one costs an attempt, so that
-    every game ends. Calls after the end change nothing.
-
-    Attributes:
-        talk: the game's conversation, with counts of invalid calls and look-ups; None before the
-            first ``reset``.
+    every game ends. Calls after the end change nothing. The attribute ``talk`` is the game's
+    conversation, with counts of invalid calls and look-ups.
     """
-
-    talk: Conversation | None = None
 
     def reset(self, **row: Any) -> str | None:
         """Begin the game of a row from :func:`crafting_rows`.
@@ -134,12 +126,6 @@ class CraftingEnvironment:
     def get_reward(self) -> float:
         """Return the reward so far: 1 for the goal, and the row's shaped rewards."""
         return self._begun.game.reward
-
-    @property
-    def _begun(self) -> Conversation:
-        if self.talk is None:
-            raise EpisodeError("there is no game; call reset with a row of the data set first.")
-        return self.talk
 
 
 class SetCraftingEnvironment(CraftingEnvironment):

@@ -124,11 +124,10 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
         raise ConfigError(f"`base_url` is for --player openai:MODEL, not '{player[:100]}'.")
     games = messages / results.GAMES_FILE
     submission.check_folder(out, games, is_program=is_program, force=force)
-    declared = benchmark_players.Declared(name, training_data, licence, tokens, price)
-    declared.check(weights)
-    prompts_hash = None
+    declared = benchmark_players.declarations(name, training_data, licence, tokens, price, weights)
     if prompts is not None:
-        prompts_hash = hashlib.sha256(read_small_file(prompts)).hexdigest()
+        prompt_hash = hashlib.sha256(read_small_file(prompts)).hexdigest()
+        declared |= {"prompts": "custom", "prompt_hash": prompt_hash}
     benchmark_track = benchmark.open_track(track)
     begin = time.perf_counter()
     with locked_folder(out, "written"):
@@ -139,15 +138,15 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
                 messages, look_ups, timeout, weights, is_replacing, base_url, parallel
             )
             kind, entrant = benchmark_players.enter(benchmark_track, player, settings)
-        if declared.tokens and entrant.tokens is not None:
+        if tokens and entrant.tokens is not None:
             raise ConfigError(
                 f"`tokens`: the log of '{player[:100]}' has its own numbers. Leave the option out."
             )
         seconds = round(time.perf_counter() - begin, 1)
         about = {
             "kind": kind,
-            **declared.facts(entrant),
-            **benchmark_players.prompts_of(entrant, prompts_hash),
+            **entrant.facts(),
+            **declared,
             "seconds": seconds if measured else None,
             "date": time.strftime("%Y-%m-%d", time.gmtime()) if measured else None,
         }
@@ -187,7 +186,7 @@ def bench_verify(
     if not folders:
         raise ConfigError("expected at least one folder of `wordcraft-kg bench run`.")
     marks: list[dict[str, Any]] = []
-    lines = []
+    lines: list[str] = []
     for folder in chain.from_iterable(map(submission.submissions_at, folders)):
         # A refused submission does not end the command: the others are still checked.
         try:
@@ -203,8 +202,6 @@ def bench_verify(
             lines.append(f"refused  {error}")
             continue
         marks.append({"folder": str(folder), "mark": mark, "submission": checked})
-        games = counted(checked.figures.games, "game")
-        result = f"{submission.metrics_text(checked.figures)} over {games}"
-        lines.append(f"{mark}  {checked.track}  {checked.player}  {result}   {folder}")
+        lines.append(f"{mark}  {submission.result_lines(checked)[0]}   {folder}")
     output.result({"submissions": marks}, lines)
     return 1 if any(entry["mark"] == "refused" for entry in marks) else 0

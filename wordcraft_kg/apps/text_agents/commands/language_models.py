@@ -1,6 +1,5 @@
 """``wordcraft-kg chats``, ``mcp`` and ``serve openenv``: games for language models."""
 
-import logging
 import signal
 import sys
 from contextlib import ExitStack
@@ -119,8 +118,6 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     whole("seed", seed, 0, MAX_SIZE - 1)
     whole("tables", tables, 1, MAX_SIZE)
     number_in("mistakes", mistakes, 0, 0.9, "a probability from 0 to 0.9")
-    if tasks is not None:
-        whole("tasks", tasks, 1, MAX_SIZE)
     from wordcraft_kg.apps.text_agents import benchmark_players, plays
     from wordcraft_kg.apps.text_agents.chats import (
         ChatCounts,
@@ -194,15 +191,8 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
         raise ConfigError(
             "--json: stdout is reserved for the protocol; omit --json, or add --transport http."
         )
-    if track is not None:
-        has_own_games = settings != GameSettings(knowledge=settings.knowledge)
-        if graph != "everyday" or has_own_games:
-            raise ConfigError(
-                "--track has its own games; omit the graph and the options of games "
-                "but --knowledge."
-            )
     check_extra("mcp")
-    from wordcraft_kg.apps.text_agents import benchmark, conversation, mcp_server, plays, results
+    from wordcraft_kg.apps.text_agents import benchmark, conversation, mcp_server, results
     from wordcraft_kg.apps.web.serving import listen, serve
 
     with ExitStack() as stack:
@@ -211,12 +201,7 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
         if transport == "http":
             listening = stack.enter_context(listen(host, port))
         # Tools reject an invalid call, and the client asks again; so it never costs an attempt.
-        if track:
-            play = benchmark.open_track(track).play(
-                settings.knowledge, max_invalid=conversation.NEVER
-            )
-        else:
-            play = plays.Play.open(graph, settings, max_invalid=conversation.NEVER)
+        play = benchmark.choose_games(graph, settings, track, max_invalid=conversation.NEVER)
         hosted = mcp_server.HostedGames(play)
         if out is not None:
             header = results.GamesHeader(player="MCP clients", settings=hosted.play.settings)
@@ -336,25 +321,13 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
     from wordcraft_kg.apps.web.serving import listen, most_web_sockets, serve
 
     # A quarter of the web sockets is for clients who are told that all sessions are taken.
-    max_sessions = most_web_sockets() * 3 // 4
-    if sessions > max_sessions:
-        logging.getLogger(__name__).warning(
-            "%d sessions in place of %d: this process may open few files (see ulimit -n).",
-            max_sessions,
-            sessions,
-        )
-        sessions = max_sessions
+    sessions = min(sessions, most_web_sockets() * 3 // 4)
     with ExitStack() as stack:
         # The port first: if it is taken, nobody waits for the tasks.
         listening = stack.enter_context(listen(host, port))
         games_by_part: dict[str, list[Play]] = {}
         if track is not None:
-            benchmark_track = benchmark.open_track(track)
-            if benchmark_track.is_open_ended:
-                raise ConfigError(
-                    f"track {track} is open-ended and has no reward; choose another track."
-                )
-            games_by_part["test"] = [benchmark_track.play(knowledge)]
+            games_by_part["test"] = [benchmark.open_track(track).play(knowledge)]
         else:
             for name in parts:
                 games_by_part[name] = [
@@ -375,6 +348,7 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
             counts = {name: games.count(name) for name in games_by_part}
             offered = ", ".join(f"{count:,} {name} tasks" for name, count in counts.items())
             view = {"address": address, "tasks": counts, "sessions": sessions}
-            output.result(view, [f"{address}   {offered}   Ctrl-C stops the server"])
+            text = f"{address}   {offered}, {sessions:,} sessions   Ctrl-C stops the server"
+            output.result(view, [text])
 
         serve(app, listening, started, has_web_sockets=True)

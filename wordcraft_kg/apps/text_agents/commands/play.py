@@ -70,21 +70,17 @@ class Terminal:
         for line in "\n".join(texts).split("\n"):
             print(textwrap.fill(for_terminal(line), _WIDTH), file=self.stream, flush=True)
 
-    def ask(self) -> str:
-        """Return a typed line; ``q``, ``quit`` and the end of the input raise :class:`Quit`."""
-        print("> ", end="", file=self.stream, flush=True)
-        # Without a console, Python may have no stdin at all.
-        line = sys.stdin.readline() if sys.stdin else ""
-        if not line or not sys.stdin.isatty():
-            self.say(line.strip())  # a terminal has shown the line already
-        if not line or line.strip().casefold() in ("q", "quit"):
-            raise Quit
-        return line.strip()
-
     def play(self, talk: "Conversation") -> None:
-        """Play a game to its end; raises :class:`Quit` as :meth:`ask`."""
+        """Play a game to its end; ``q``, ``quit`` and the end of the input raise :class:`Quit`."""
         while not talk.is_over:
-            typed = self.ask()
+            print("> ", end="", file=self.stream, flush=True)
+            # Without a console, Python may have no stdin at all.
+            line = sys.stdin.readline() if sys.stdin else ""
+            typed = line.strip()
+            if not line or not sys.stdin.isatty():
+                self.say(typed)  # a terminal has shown the line already
+            if not line or typed.casefold() in ("q", "quit"):
+                raise Quit
             if typed.casefold() in ("?", "help"):
                 self.say(help_text(talk))
                 continue
@@ -224,26 +220,25 @@ def _play_tasks(
 
     tasks = games.world.tasks
     rng = np.random.default_rng(seed)
-    played = successes = 0
+    made: list[bool] = []
 
     def tally() -> str:
-        return f"goals made: {successes} of {played}   to repeat these tasks: --seed {seed}"
+        return f"goals made: {sum(made)} of {len(made)}   to repeat these tasks: --seed {seed}"
 
     with terminal.until_quit(tally):
-        while not episodes or played < episodes:
+        while not episodes or len(made) < episodes:
             task = int(rng.integers(len(tasks)))
-            talk = games.begin(task, distractor_seed=played)
-            if not played:
+            talk = games.begin(task, distractor_seed=len(made))
+            if not made:
                 terminal.say(help_text(talk))
-            number = f"{played + 1} of {episodes}" if episodes else f"{played + 1}"
-            so_far = f"   (goals made: {successes} of {played})" if played else ""
+            number = f"{len(made) + 1} of {episodes}" if episodes else f"{len(made) + 1}"
+            so_far = f"   (goals made: {sum(made)} of {len(made)})" if made else ""
             terminal.say(f"{number}.{so_far}", talk.game.state)
             terminal.play(talk)
             plans = tasks[task].plans
             title = "Solution" if len(plans) == 1 else f"One of {len(plans)} solutions"
             terminal.say(f"{title}: {'; '.join(map(str, plans[0]))}\n")
-            successes += talk.game.is_made
-            played += 1
+            made.append(talk.game.is_made)
     settings = games.settings
     values = {
         "graph": settings.graph,
@@ -252,8 +247,8 @@ def _play_tasks(
         "part": settings.part,
         "attempts": settings.attempts,
         "seed": seed,
-        "episodes": played,
-        "successes": successes,
+        "episodes": len(made),
+        "successes": sum(made),
     }
     output.result(values, [tally()])
 

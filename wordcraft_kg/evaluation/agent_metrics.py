@@ -82,8 +82,9 @@ def binned(
         yield name, (values >= low) & (values <= high)
 
 
-MADE = "goals that the other book makes"
-NOT_MADE = "goals that the other book does not make"
+OTHER_BOOK = "goals that the other book "
+MADE = OTHER_BOOK + "makes"
+NOT_MADE = OTHER_BOOK + "does not make"
 
 
 def goal_groups(

@@ -304,8 +304,7 @@ def view_study(results: StudyResults) -> StudyView:
     """Summarise a study's results.
 
     Raises:
-        ConfigError: if no run has finished, or runs of a variant at a grid point were evaluated
-            with other graphs or tasks, or share a seed: a mean over them would describe nothing.
+        ConfigError: if no run has finished.
     """
     study = results.study
     reference = study.reference or next(iter(study.variants))
@@ -335,8 +334,7 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
     """Return the grid points with their runs by variant, in the order of the study.
 
     Raises:
-        ConfigError: if no run is finished, or runs of a variant at a point differ in their graphs
-            or tasks.
+        ConfigError: if no run is finished.
     """
     if not results.runs:
         reason = ""
@@ -351,53 +349,7 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
     for run in results.runs:
         _, runs = points.setdefault(tuple(run.values.items()), (run.values, {}))
         runs.setdefault(run.variant, []).append(run)
-    for values, runs in points.values():
-        condition = f" with {title_of(values)}" if values else ""
-        for variant, members in runs.items():
-            _check_alike(results, f"'{variant}'{condition}", members)
     return list(points.values())
-
-
-def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> None:
-    """Check that runs of a variant at a grid point can be averaged.
-
-    Args:
-        results: the study, which knows the graphs.
-        cell: name of variant and point, for the error.
-        members: the runs.
-
-    Raises:
-        ConfigError: if graphs, splits or tasks differ, or a seed occurs twice.
-    """
-    # A mean over seeds is about one set of tasks, unless each has a split by the study's plan.
-    identity = _book_and_tables if results.study.vary_split else StudyResults.tasks_of
-    first = members[0]
-    seeds: set[int] = set()
-    for run in members:
-        if identity(results, run) != identity(results, first):
-            raise ConfigError(
-                f"{cell}: seeds {first.seed} and {run.seed} were played on different graphs, "
-                f"splits or tasks ({_played(results, first)}; {_played(results, run)}), so their "
-                "results cannot be averaged. Add the differing setting to the grid, such as "
-                "`book`, `split` or `split_seed`, or repeat the older run."
-            )
-        # Two runs of one seed are paired with one run of the reference, and would count twice.
-        if run.seed in seeds:
-            raise ConfigError(
-                f"{cell}: seed {run.seed} occurs twice; another setting than the seed differs. Add "
-                "that setting to the variants."
-            )
-        seeds.add(run.seed)
-
-
-def _book_and_tables(results: StudyResults, run: RunResult) -> tuple[str, str, int]:
-    graph = results.graphs[run.graph]
-    return graph.hash, graph.kind, run.distractor_seeds
-
-
-def _played(results: StudyResults, run: RunResult) -> str:
-    graph = results.graphs[run.graph].in_words
-    return f"{graph}, {len(run.won):,} tasks, {run.distractor_seeds} distractor seeds"
 
 
 def _point(results: StudyResults, values: Values, runs: Runs, reference: str) -> PointMetrics:

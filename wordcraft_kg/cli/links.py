@@ -1,7 +1,6 @@
 """``wordcraft-kg evaluate-links``, ``wordcraft-kg score`` and ``wordcraft-kg suggest``."""
 
 import csv
-import logging
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -30,7 +29,6 @@ from wordcraft_kg.cli.console import (
     write_file,
     write_table,
 )
-from wordcraft_kg.cli.failures import with_options
 from wordcraft_kg.cli.options import Force, MovedGraph, Paths, Table, Words
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.score_limits import MAX_QUERIES
@@ -271,7 +269,7 @@ def score(  # noqa: PLR0913 - parameters are the command's options
     The output marks each triple or recipe as train, valid, test, or new (not in the book). Models
     with folds also give probabilities for triples outside the training data.
 
-    With a train-recipes model, a + b ranks the results, a + b = c (or a + b c) scores a recipe, and
+    With a train-recipes model, a + b ranks the results, a + b = c scores a recipe, and
     _ + b = c ranks partners; a model of sets takes a + b + c = d, and _ + _ + _ = d for the best
     sets of three. Answers come with supporting train recipes and a note if in-sample.
     Entities outside the graph are scored by the words in their labels, with a note.
@@ -292,7 +290,7 @@ def score(  # noqa: PLR0913 - parameters are the command's options
     """
     from wordcraft_kg.evaluation.scores import (
         Scores,
-        ScoringModel,
+        new_words,
         note_of_words,
         parse_query,
         read_queries,
@@ -300,19 +298,17 @@ def score(  # noqa: PLR0913 - parameters are the command's options
         with_new_words,
     )
     from wordcraft_kg.evaluation.suggestions import check_file_query, is_set_query
+    from wordcraft_kg.models.model_folder import open_model
+    from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
 
     whole("top", top, 1)
     words = [word for word in (head, relation) if word is not None]
     words += [word for word in (tail, *rest) if word]
     _check_query(words, has_relation=relation is not None, file=queries, out=out)
-    loaded = ScoringModel.open(model, graph, needs_graph=new_only)
+    loaded = open_model(model, graph)
     if queries is None and is_set_query(loaded.scorer, words):
         output.result(*_scored_set(model, graph, words, top, new_only=new_only))
         return
-    if loaded.split is None:
-        logging.getLogger(__name__).warning(
-            "not shown which triples are known: %s", with_options(loaded.missing)
-        )
     entities = frozenset(loaded.scorer.entities)
     if queries is None:
         query_list = [parse_query(words, entities)]
@@ -321,9 +317,10 @@ def score(  # noqa: PLR0913 - parameters are the command's options
     else:
         query_list = read_queries(queries, entities)
         check_file_query(loaded.scorer, query_list[0])
+    outside = OutsideEvidenceFinder.open(model, loaded.opened)
     loaded = with_new_words(loaded, model, query_list, queries)
     check_file(out, force=force)
-    scoring = scoring_of(loaded, query_list[0])
+    scoring = scoring_of(loaded, query_list[0], outside)
     answers = tuple(
         scoring.answers(query_list, top, new_only=new_only, is_explained=queries is None)
     )
@@ -332,7 +329,9 @@ def score(  # noqa: PLR0913 - parameters are the command's options
     lines += [*note_of_words(loaded), *_notes(loaded.kg, answers)]
     printed_answers = answers if out is None else ()
     file = None if out is None else str(out)
-    view = Scores(len(query_list), len(answers), loaded.kg, loaded.by_words, printed_answers, file)
+    view = Scores(
+        len(query_list), len(answers), loaded.kg, new_words(loaded), printed_answers, file
+    )
     if out is not None:
         write_file(out, _table(query_list[0].columns, answers, out), force=force)
         lines.append(f"wrote {out}: {len(answers):,} scores for {len(query_list):,} queries")
@@ -394,7 +393,7 @@ def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str
     rows = [
         (
             f"{answer.score:9.4f}",
-            answer.known or "",
+            answer.known,
             _thing(answer),
             _chance(answer),
             "(learned)" if answer.in_sample else "",
@@ -445,7 +444,7 @@ def _chance(answer: "ScoredAnswer") -> str:
     return f"{100 * share:.2g} %"
 
 
-def _notes(kg: "TrainedOn | None", answers: Sequence["ScoredAnswer"]) -> Iterator[str]:
+def _notes(kg: "TrainedOn", answers: Sequence["ScoredAnswer"]) -> Iterator[str]:
     from wordcraft_kg.evaluation.scores import BECAUSE
 
     if any(answer.because for answer in answers):

@@ -297,7 +297,7 @@ def score(  # noqa: PLR0913 - parameters are the command's options
         scoring_of,
         with_new_words,
     )
-    from wordcraft_kg.evaluation.suggestions import check_file_query, is_set_query
+    from wordcraft_kg.evaluation.suggestions import is_set_query
     from wordcraft_kg.models.model_folder import open_model
     from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
 
@@ -316,7 +316,6 @@ def score(  # noqa: PLR0913 - parameters are the command's options
             raise _no_ranking()
     else:
         query_list = read_queries(queries, entities)
-        check_file_query(loaded.scorer, query_list[0])
     outside = OutsideEvidenceFinder.open(model, loaded.opened)
     loaded = with_new_words(loaded, model, query_list, queries)
     check_file(out, force=force)
@@ -343,20 +342,21 @@ def _scored_set(
 ) -> "tuple[Suggestions, list[str]]":
     """Return the answer of a model of sets to a recipe, and its lines of text."""
     from wordcraft_kg.evaluation.suggestions import (
-        SetQuery,
         open_suggesting,
+        parse_set,
         score_set,
         suggest_sets,
     )
 
     model = open_suggesting(folder, graph)
-    query = SetQuery.parse(words, frozenset(model.opened.graph.entities))
-    if query.ingredients:
+    entities = frozenset(model.opened.graph.entities)
+    ingredients, result, size = parse_set(words, entities)
+    if ingredients:
         if new_only:
             raise _no_ranking()
-        view = score_set(model, query)
+        view = score_set(model, ingredients, result)
     else:
-        view = suggest_sets(model, query.result, top, size=query.size, new_only=new_only)
+        view = suggest_sets(model, result, top, size=size, new_only=new_only)
     return view, list(suggestion_lines(view))
 
 
@@ -514,9 +514,8 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
     """Suggest recipes that the book lacks, the most probable first, with the recipes behind them.
 
     Without further words, suggestions are for the whole book. On a page of 20 no item is in more
-    than three, but those that you name. Where no known entity fits a pair, the most similar recipe
-    tells by analogy. A model of sets (train-recipes on a book of larger sets, or with --parts)
-    also suggests recipes for goals that the book lacks, by their parts and words.
+    than three, but those that you name. A model of sets (train-recipes on a book of larger sets, or
+    with --parts) also suggests recipes for goals that the book lacks, by their parts and words.
 
     Args:
         model: model folder from train-recipes.
@@ -568,7 +567,7 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
         new_only=goal is None,
         rule=user_rule,
     )
-    if not (view.suggestions or view.analogies or view.made):
+    if not (view.suggestions or view.made):
         raise ConfigError(
             f"nothing is left to propose: {book.name} has all recipes that the model looks at. Ask "
             "for another pair, item or goal."
@@ -639,10 +638,6 @@ def suggestion_lines(view: "Suggestions") -> Iterator[str]:
         yield from _suggestion_rows(view.suggestions)
     else:
         yield "no answer: nothing is left to propose"
-    if view.analogies:
-        yield "no known entity fits:"
-    for analogy in view.analogies:
-        yield f"  {' + '.join(analogy.ingredients)} -> ?   as {analogy.like}"
     if view.trained_on == "full":
         yield "The model was trained on all recipes, test recipes included."
 

@@ -570,14 +570,15 @@ class RecipeScoring(Scoring):
     """Scores of recipes: two ingredients and the result.
 
     Raises:
-        ConfigError: if the model scores links (triples), not recipes.
+        ConfigError: if the model scores links (triples) or sets, not pairs.
     """
 
     def __post_init__(self) -> None:
         if not isinstance(self.scorer, RecipeScores):
             raise ConfigError(
-                f"{self.model.scorer.name} scores links, not recipes. Give a link, such as flour "
-                "combinesWith water, or train a recipe scorer with `wordcraft-kg train-recipes`."
+                f"{self.model.scorer.name} scores no recipes of pairs. Give a link, such as flour "
+                "combinesWith water, or train a recipe scorer with `wordcraft-kg train-recipes`; "
+                "a model of sets takes each recipe as an argument, a + b + c -> d."
             )
 
     @property

@@ -589,7 +589,10 @@ def test_files_of_recipes_and_links_of_new_entities_are_refused_with_the_reason(
     run, letters, letters_model, tmp_path
 ):
     (tmp_path / "q.csv").write_text("ingredient_a,ingredient_b,result\nax,bx,Gab\n")
-    assert "one at a time" in run("score", letters / "model", "--in", tmp_path / "q.csv").err
+    assert (
+        "each recipe as an argument"
+        in run("score", letters / "model", "--in", tmp_path / "q.csv").err
+    )
     outcome = run("score", letters / "model", "Gnew", "componentOf", "Gab")
     assert "no entity 'Gnew'" in outcome.err
     assert "links of the graph's entities alone" in outcome.err

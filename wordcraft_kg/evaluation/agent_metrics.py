@@ -6,7 +6,7 @@ to 0. What an agent would have learned without the source, only another training
 also of unfinished runs: success, statistics and mixing weights λ.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Annotated, Literal, get_args
 
 import msgspec
@@ -442,9 +442,22 @@ def success_curves(members: Sequence[AgentRun]) -> dict[str, tuple[CurvePoint, .
 
 
 def _success_points(members: Sequence[AgentRun], part: str) -> Iterator[CurvePoint]:
-    for step, seeds in _shared_rows(members, f"{part}_success"):
-        low, high = student_interval(seeds) or (None, None)
-        yield CurvePoint(step, float(np.mean(seeds)), low, high)
+    return mean_curve(_logged(members, f"{part}_success"))
+
+
+def shared_steps(curves: Iterable[Mapping[int, float]]) -> pd.DataFrame:
+    """Return the values of curves at the steps that all of them have reached, a column for each."""
+    columns = [pd.Series(curve, dtype=float) for curve in curves]
+    # A mean over fewer curves would jump where one of them ends.
+    return pd.concat(columns, axis=1, join="inner").sort_index()
+
+
+def mean_curve(curves: Iterable[Mapping[int, float]]) -> Iterator[CurvePoint]:
+    """Yield the mean of curves at the steps that all have, with intervals over the curves."""
+    table = shared_steps(curves)
+    for step, values in zip(table.index.tolist(), table.to_numpy(), strict=True):
+        low, high = student_interval(values) or (None, None)
+        yield CurvePoint(step, float(values.mean()), low, high)
 
 
 def lambda_curves(members: Sequence[AgentRun]) -> Iterator[LambdaCurve]:
@@ -456,9 +469,9 @@ def lambda_curves(members: Sequence[AgentRun]) -> Iterator[LambdaCurve]:
     # A source that the agents do not have has no rows, and so no curve.
     for source in (ALPHA.name, *source_names()):
         for action in actions:
-            rows = _shared_rows(members, f"lambda_{source}_{action}")
-            every = max(1, len(rows) // _CURVE_POINTS)
-            points = [(step, float(np.mean(seeds))) for step, seeds in rows[::every]]
+            means = shared_steps(_logged(members, f"lambda_{source}_{action}")).mean(axis=1)
+            every = max(1, len(means) // _CURVE_POINTS)
+            points = list(means[::every].items())
             if points:
                 yield LambdaCurve(source, action, tuple(points))
 
@@ -493,11 +506,7 @@ def training_metrics(members: Sequence[AgentRun]) -> dict[TrainingMetric, tuple[
     return by_metric
 
 
-def _shared_rows(members: Sequence[AgentRun], key: str) -> list[tuple[int, list[float]]]:
-    curves = []
+def _logged(members: Sequence[AgentRun], key: str) -> Iterator[dict[int, float]]:
+    """Yield the logged values of each run, by step."""
     for agent in members:
-        values = {row.step: row.figures[key] for row in agent.metrics if key in row.figures}
-        curves.append(pd.Series(values, dtype=float))
-    # Only steps that all runs have reached: a mean over fewer seeds would jump where a run ends.
-    table = pd.concat(curves, axis=1, join="inner").sort_index()
-    return list(zip(table.index.tolist(), table.to_numpy().tolist(), strict=True))
+        yield {row.step: row.figures[key] for row in agent.metrics if key in row.figures}

@@ -161,17 +161,19 @@ class BaselineSuccess(Record):
     by_plan: dict[str, Share]
 
 
-class AgentEpisodes(Record):
-    """Example episodes of an agent, with the scores and logits for each action.
+class Explanation(Record):
+    """Episodes of a trained agent, with all scores and logits for each action.
 
     Attributes:
-        agent: the agent's name.
-        run: the run that played, the agent's first.
-        episodes: the episodes.
+        run: folder of the run; in a report on agents its name, the agent's first.
+        checkpoint: checkpoint of the agent's weights.
+        part: split part with the tasks.
+        episodes: the explained episodes.
     """
 
-    agent: str
     run: str
+    checkpoint: str
+    part: TaskPart
     episodes: tuple[ExplainedEpisode, ...]
 
 
@@ -207,7 +209,7 @@ class AgentsView(Record):
     sampled_from: Count | None
     agents: Annotated[tuple[AgentEntry, ...], msgspec.Meta(min_length=1)]
     baselines: tuple[BaselineSuccess, ...]
-    episodes: tuple[AgentEpisodes, ...]
+    episodes: tuple[Explanation, ...]
 
 
 def by_success(view: AgentsView, amount: int) -> list[AgentEntry]:
@@ -347,8 +349,13 @@ def view_agents(
         ),
         baselines=tuple(_baselines(groups, evaluators, scorer_results)),
         episodes=tuple(
-            AgentEpisodes(name, members[0].name, _episodes(members[0], world, episodes))
-            for name, members in groups.items()
+            Explanation(
+                members[0].name,
+                members[0].checkpoint,
+                part,
+                _episodes(members[0], world, episodes),
+            )
+            for members in groups.values()
         ),
     )
 
@@ -627,22 +634,6 @@ class AgentEvaluation(Record):
             for source, gain in gains.items():
                 if gain.adds_nothing:
                     yield f"{tables}: {source} {gain.sentence}"
-
-
-class Explanation(Record):
-    """Episodes of a trained agent, with all scores and logits for each action.
-
-    Attributes:
-        run: folder of the run.
-        checkpoint: checkpoint of the agent's weights.
-        part: split part with the tasks.
-        episodes: the explained episodes.
-    """
-
-    run: str
-    checkpoint: str
-    part: TaskPart
-    episodes: tuple[ExplainedEpisode, ...]
 
 
 def view_evaluation(

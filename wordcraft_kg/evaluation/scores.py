@@ -243,7 +243,7 @@ def read_queries(path: Path, entities: Collection[str]) -> list[Query]:
 
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield the cells of each line that is not blank, and the line where they begin."""
+    """Yield the cells of each line that is not blank, and the line where they end."""
     if not path.is_file():
         raise QueryFileError(
             f"'{path}' is not a file; expected a CSV or TSV file with {', '.join(Query.columns)}."
@@ -262,13 +262,10 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         quoting=csv.QUOTE_NONE if is_tsv else csv.QUOTE_MINIMAL,
         strict=True,
     )
-    # A quoted cell may span lines, so the reader's line number is the last line of a row.
-    begin = 1
     try:
         for cells in reader:
             if any(cell.strip() for cell in cells):
-                yield begin, cells
-            begin = reader.line_num + 1
+                yield reader.line_num, cells
     except csv.Error as error:
         raise QueryFileError(f"{path}, line {reader.line_num}: {error}.") from None
 

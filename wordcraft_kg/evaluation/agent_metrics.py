@@ -469,9 +469,10 @@ def lambda_curves(members: Sequence[AgentRun]) -> Iterator[LambdaCurve]:
     # A source that the agents do not have has no rows, and so no curve.
     for source in (ALPHA.name, *source_names()):
         for action in actions:
-            means = shared_steps(_logged(members, f"lambda_{source}_{action}")).mean(axis=1)
-            every = max(1, len(means) // _CURVE_POINTS)
-            points = list(means[::every].items())
+            table = shared_steps(_logged(members, f"lambda_{source}_{action}"))
+            thinned = table[:: max(1, len(table) // _CURVE_POINTS)]
+            rows = zip(thinned.index.tolist(), thinned.to_numpy(), strict=True)
+            points = [(step, float(seeds.mean())) for step, seeds in rows]
             if points:
                 yield LambdaCurve(source, action, tuple(points))
 

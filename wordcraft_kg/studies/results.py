@@ -487,12 +487,8 @@ def collect_study(root: Path, name: str) -> StudyResults:
 
     # Opening a graph and finding its tasks takes seconds, and most runs share them.
     @cache
-    def opened(graph: str) -> OpenedGraph:
-        return open_graph(str(root / graph))
-
-    @cache
     def groups_at(graph: str, config: WordCraftConfig) -> tuple[int, ...]:
-        return groups_of_tasks(opened(graph), config)
+        return groups_of_tasks(open_graph(str(root / graph)), config)
 
     groups: dict[tuple[int, ...], int] = {}
     graphs: dict[PlayedGraph, int] = {}

@@ -398,7 +398,7 @@ def test_results_of_a_study_have_the_groups_of_their_tasks(tmp_path):
     (groups,) = results.groups
     assert len(set(groups)) == len(set(goals.tolist())) < len(goals)
     assert len({*zip(groups, goals.tolist(), strict=True)}) == len(set(groups))
-    assert results.groups_of(results.runs[0]).tolist() == list(groups)
+    assert results.rates_of(results.runs[:1]).groups.tolist() == list(groups)
     assert parse_record(results_text(results).encode(), StudyResults, "results.json") == results
 
 

@@ -306,33 +306,24 @@ def slices_of(
         "layer": [(NEVER, layer < 0), *binned(layer, _LAYERS)],
         "other_book": list(goal_groups(graph, goals, made_by_other_books).items()),
     }
+    success = _successes(results)
     slices = {}
     for name, masks in groups.items():
-        rows = [_slice_success(label, mask, results) for label, mask in masks if mask.any()]
+        # Within a slice, too, whole groups are resampled: the split holds out the tasks of a group
+        # together, so their outcomes are not independent.
+        rows = [
+            SliceSuccess(
+                slice=label,
+                tasks=int(mask.sum()),
+                success=float(success[mask].mean()),
+                ci=task_bootstrap(success[mask], results[0].groups[mask]),
+            )
+            for label, mask in masks
+            if mask.any()
+        ]
         if rows:
             slices[name] = tuple(rows)
     return slices
-
-
-def _slice_success(
-    name: str, mask: NDArray[np.bool_], results: Sequence[Evaluation]
-) -> SliceSuccess:
-    """Return the success rate on a slice of the played tasks, over all results.
-
-    Args:
-        name: the slice.
-        mask: its tasks, one or more, shape (tasks,).
-        results: an evaluation of each run, on the same tasks.
-    """
-    success = _successes(results)[mask]
-    # Within a slice, too, whole groups are resampled: the split holds out the tasks of a group
-    # together, so their outcomes are not independent.
-    return SliceSuccess(
-        slice=name,
-        tasks=len(success),
-        success=float(success.mean()),
-        ci=task_bootstrap(success, results[0].groups[mask]),
-    )
 
 
 class SourceGain(Record):
@@ -437,12 +428,12 @@ class SeedCurve(Record):
 
 def success_curves(members: Sequence[AgentRun]) -> dict[str, tuple[CurvePoint, ...]]:
     """Return mean success curves by split part (test, train), with intervals over seeds."""
-    curves = {part: tuple(_success_points(members, part)) for part in ("test", "train")}
-    return {part: points for part, points in curves.items() if points}
-
-
-def _success_points(members: Sequence[AgentRun], part: str) -> Iterator[CurvePoint]:
-    return mean_curve(_logged(members, f"{part}_success"))
+    curves = {}
+    for part in ("test", "train"):
+        points = tuple(mean_curve(_logged(members, f"{part}_success")))
+        if points:
+            curves[part] = points
+    return curves
 
 
 def shared_steps(curves: Iterable[Mapping[int, float]]) -> pd.DataFrame:

@@ -759,8 +759,8 @@ def view_explanation(
 class Baselines(Record):
     """Success rates of scripted players.
 
-    For a model that learned from another book, its players by w and by plans and the player by
-    nearest words have two further rows: goals that the other book makes, and all other goals.
+    For a model that learned from another book, players of this process have two further rows: goals
+    that the other book makes, and all other goals.
 
     Attributes:
         graph: the graph as the user named it.
@@ -831,9 +831,7 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
         opened.split, players.knowledge_of(model[1].scorer if model else None)
     )
     world = World(opened, config)
-    # Only players that may have learned from another book, or know none, tell its goals apart.
     groups: dict[str, NDArray[np.bool_]] = {}
-    grouped = {name for name in scripted if players.is_words_player(name)}
     if model is not None:
         name, trained = model
         # A cross-fitted scorer needs the tasks that it may have been trained on, to answer by the
@@ -843,7 +841,6 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
         guided = players.scorer_players(
             opened.graph, trained.scorer, trained.triples, tasks, plans=True
         )
-        grouped |= {f"{name}, {kind}" for kind in (players.BEST_PAIR, players.PLANNER)}
         # The oracle stays last, as the upper bound.
         oracle = scripted.pop("recipe oracle")
         scripted |= {f"{name}, {kind}": player for kind, player in guided.items()}
@@ -867,10 +864,7 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
         distractor_seeds=tables,
         seed=seed,
         intervals=f"95 %, bootstrap over {opened.split.unit}",
-        rows=(
-            *(row for row in rows if not row.goals or row.player in grouped),
-            *external_rows,
-        ),
+        rows=(*rows, *external_rows),
         shares={group: float(mask[played].mean()) for group, mask in groups.items()},
     )
 

@@ -704,12 +704,10 @@ def note_of_words(model: Model) -> list[str]:
     if not words:
         return []
     # A single new entity may be a misspelling that has a vector, too: the nearest label helps then.
-    if len(words) == 1:
-        hint = nearest(words[0], model.opened.graph.entities)
-        return [f"'{words[0]}' is not in the graph: scored by its words alone.{hint}"]
+    hint = nearest(words[0], model.opened.graph.entities) if len(words) == 1 else ""
     listed = ", ".join(f"'{label}'" for label in words[:_LISTED])
     ending = f" and {len(words) - _LISTED:,} more" if len(words) > _LISTED else ""
-    return [f"{listed}{ending} are not in the graph: scored by their words alone."]
+    return [f"not in the graph, scored by words alone: {listed}{ending}.{hint}"]
 
 
 def main_support(witnesses: Sequence[Witness]) -> Sequence[Witness]:

@@ -43,7 +43,7 @@ from wordcraft_kg.base.artefacts import locked
 from wordcraft_kg.envs.draws import MOST_TASKS, distance_of
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import WordCraftConfig
-from wordcraft_kg.graphs import OpenedGraph, PlayedGraph, open_graph
+from wordcraft_kg.graphs import PlayedGraph, open_graph
 from wordcraft_kg.studies.plan import Plan
 from wordcraft_kg.studies.study import Study, StudyCell, Values
 
@@ -252,16 +252,14 @@ class StudyResults(Record, frozen=True):
                     f"run {run.run} has {len(run.won)} tasks in `won`; expected {expected}"
                 )
 
-    def groups_of(self, run: RunResult) -> NDArray[np.int64] | None:
-        """Return the group of each test task of a run, shape (K,); None if not recorded."""
-        if run.groups is None:
-            return None
-        return np.array(self.groups[run.groups], dtype=np.int64)
-
     def rates_of(self, runs: Sequence[RunResult]) -> PlayedRates:
         """Return the success rates of runs that played the same tasks, or a split each."""
         rates = [run.rates for run in runs]
-        groups = [self.groups_of(run) for run in runs]
+        # Groups are unknown of runs whose graph was removed.
+        groups = [
+            None if run.groups is None else np.array(self.groups[run.groups], dtype=np.int64)
+            for run in runs
+        ]
         if len({self.tasks_of(run) for run in runs}) == 1:
             return PlayedRates(np.array(rates), groups[0], None)
         splits = np.repeat(np.arange(len(runs)), [len(row) for row in rates])
@@ -488,7 +486,12 @@ def collect_study(root: Path, name: str) -> StudyResults:
     # Opening a graph and finding its tasks takes seconds, and most runs share them.
     @cache
     def groups_at(graph: str, config: WordCraftConfig) -> tuple[int, ...]:
-        return groups_of_tasks(open_graph(str(root / graph)), config)
+        """Return the resampling group of each played task, numbered by first appearance."""
+        every = World(open_graph(str(root / graph)), config).groups
+        # Of very many tasks, an even sample is played.
+        played = every[:: distance_of(len(every), MOST_TASKS)].tolist()
+        numbers = {group: number for number, group in enumerate(dict.fromkeys(played))}
+        return tuple(numbers[group] for group in played)
 
     groups: dict[tuple[int, ...], int] = {}
     graphs: dict[PlayedGraph, int] = {}
@@ -557,23 +560,6 @@ def _played_config(settings: Values) -> WordCraftConfig:
     config = TaskConfig(**task_settings)  # type: ignore[arg-type]
     # A small book may lack room for the default number of distractors.
     return config.environment("test", distractors=0)
-
-
-def groups_of_tasks(opened: OpenedGraph, config: WordCraftConfig) -> tuple[int, ...]:
-    """Return the resampling group of each task that is played, numbered by first appearance.
-
-    Args:
-        opened: graph and split.
-        config: settings of the environment.
-
-    Raises:
-        TaskError: if the graph has no tasks with these settings.
-    """
-    every = World(opened, config).groups
-    # Of very many tasks, an even sample is played.
-    played = every[:: distance_of(len(every), MOST_TASKS)].tolist()
-    numbers = {group: number for number, group in enumerate(dict.fromkeys(played))}
-    return tuple(numbers[group] for group in played)
 
 
 def _run_metrics(folder: Path) -> RunMetrics:

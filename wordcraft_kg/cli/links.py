@@ -317,7 +317,7 @@ def score(  # noqa: PLR0913 - parameters are the command's options
     else:
         query_list = read_queries(queries, entities)
     outside = OutsideEvidenceFinder.open(model, loaded.opened)
-    loaded = with_new_words(loaded, model, query_list, queries)
+    loaded = with_new_words(loaded, model, query_list)
     check_file(out, force=force)
     scoring = scoring_of(loaded, query_list[0], outside)
     answers = tuple(

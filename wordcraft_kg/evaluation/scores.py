@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self, cast
 
@@ -99,13 +100,13 @@ class Query:
         first, second, third = (
             None if word in ("", *OPEN) and word not in entities else word for word in words
         )
-        query = cls((first, second, third), line)
-        if query.slots.count(None) > 1:
-            raise ConfigError(f"{query} has several open slots; leave a single one open.")
-        return query
-
-    def __str__(self) -> str:
-        return " ".join(slot or "_" for slot in self.slots)
+        slots = (first, second, third)
+        if slots.count(None) > 1:
+            raise ConfigError(
+                f"'{' '.join(word or '_' for word in words)}' has several open slots; leave a "
+                "single one open."
+            )
+        return cls(slots, line)
 
     @property
     def is_open(self) -> bool:
@@ -124,10 +125,6 @@ class RecipeQuery(Query):
 
     columns = ("ingredient_a", "ingredient_b", "result")
     entity_slots = (0, 1, 2)
-
-    def __str__(self) -> str:
-        first, second, result = (slot or "_" for slot in self.slots)
-        return f"{first} + {second} = {result}"
 
 
 def parse_query(words: Sequence[str], entities: Collection[str]) -> Query:
@@ -658,39 +655,27 @@ def scoring_of(model: Model, query: Query, outside: OutsideEvidenceFinder | None
     return kind(model, outside)
 
 
-def with_new_words(
-    model: Model, folder: Path, queries: Sequence[Query], file: Path | None = None
-) -> Model:
+def with_new_words(model: Model, folder: Path, queries: Sequence[Query]) -> Model:
     """Extend a model by the queries' entities that its graph lacks, described by their words alone.
 
     Args:
         model: the model.
         folder: the model folder.
         queries: the queries.
-        file: file of the queries; None for arguments.
 
     Returns:
         The extended model, or ``model`` itself if the graph has all entities.
 
     Raises:
-        UnknownEntityError: if no word of an entity has a vector, or the model uses no words; with
-            the line of the file where the first such entity stands.
+        UnknownEntityError: if no word of an entity has a vector, or the model uses no words.
         ArtefactError: if the folder is damaged, or the word vectors have changed.
     """
-    # In the order of the queries, with the line where each new entity first stands.
-    lines: dict[str, int | None] = {}
     entities = frozenset(model.scorer.entities)
-    for query in queries:
-        for label in query.labels:
-            if label not in entities:
-                lines.setdefault(label, query.line)
-    if not lines:
+    labels = chain.from_iterable(query.labels for query in queries)
+    new = tuple(dict.fromkeys(label for label in labels if label not in entities))
+    if not new:
         return model
-
-    def where(label: str) -> str:
-        return "" if file is None else f"{file}, line {lines[label]}: "
-
-    return replace(model, scorer=with_words(folder, model.scorer, tuple(lines), where=where))
+    return replace(model, scorer=with_words(folder, model.scorer, new))
 
 
 def new_words(model: Model) -> tuple[str, ...]:

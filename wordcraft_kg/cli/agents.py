@@ -437,7 +437,7 @@ def _text_of_discovery(view: DiscoveryView) -> Iterator[str]:
     yield from aligned(_rows(view))
     yield ""
     yield f"people: {view.people_source}"
-    if view.knows_recipes:
+    if view.shared_recipes:
         seen = "it has seen these combinations"
         yield f"note: {view.scorer} was trained on recipes of {view.graph}: {seen}"
         shared = counted(view.shared_recipes, "recipe")

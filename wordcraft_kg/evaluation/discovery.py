@@ -110,7 +110,6 @@ class DiscoveryView(Record, omit_defaults=True):
         players: known entities by player and attempt count.
         people: entities that people know in another game, by attempt count.
         people_source: publication of these numbers.
-        knows_recipes: whether the guiding scorer has seen recipes of this graph in training.
         shared_recipes: number of recipes of this graph that a guiding recipe scorer was trained on.
         book: name of the book that guides ``book-votes``; None without one.
     """
@@ -128,7 +127,6 @@ class DiscoveryView(Record, omit_defaults=True):
     players: dict[str, dict[str, KnownEntities]]
     people: dict[str, float]
     people_source: str
-    knows_recipes: bool = False
     shared_recipes: Count = 0
     book: str | None = None
 
@@ -190,7 +188,6 @@ def view_discovery(
         players=known,
         people={str(attempt): entities for attempt, entities in HUMAN_CURVE.items()},
         people_source=HUMAN_SOURCE,
-        knows_recipes=scorer is not None and scorer.shared > 0,
         shared_recipes=0 if scorer is None else scorer.shared,
         book=None if book is None else book.name,
     )

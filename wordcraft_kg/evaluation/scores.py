@@ -602,7 +602,8 @@ class RecipeScoring(Scoring):
 
     def part_numbers(self, rows: Ids) -> Ids:  # noqa: D102
         # A key that the book lacks has the index -1.
-        return np.append(self.model.opened.split.parts, -1)[self.book.get_indexer(self._keys(rows))]
+        places = self.book.get_indexer(pd.Index(self._keys(rows)))
+        return np.append(self.model.opened.split.parts, -1)[places]
 
     def facts(  # noqa: D102
         self, query: Query, rows: Ids, known: Sequence[Known], *, is_explained: bool

@@ -364,13 +364,14 @@ def curves(
         lines = []
         names = []
         for curve in drawn:
-            x, y, low, high = np.array(curve.points, dtype=float).reshape(-1, 4).T  # NaN for None
+            # NaN for None, which interrupts the band.
+            xs, ys, lows, highs = np.array(curve.points, dtype=float).reshape(-1, 4).T
             colour = _colour(curve.number)
-            axes.fill_between(x, low, high, facecolor=colour, alpha=0.16, edgecolor="none")
-            (line,) = axes.plot(x, y, color=colour, linestyle=curve.dashes, linewidth=width)
+            axes.fill_between(xs, lows, highs, facecolor=colour, alpha=0.16, edgecolor="none")
+            (line,) = axes.plot(xs, ys, color=colour, linestyle=curve.dashes, linewidth=width)
             if len(curve.points) == 1:
-                ((step, *estimate),) = curve.points
-                _draw_estimate(axes, (step, None, None), tuple(estimate), curve.number, "o")
+                x, y, low, high = curve.points[0]
+                _draw_estimate(axes, (x, None, None), (y, low, high), curve.number, "o")
             if curve.label:
                 lines.append(line)
                 names.append(_clean(curve.label))

@@ -307,7 +307,7 @@ def score(  # noqa: PLR0913 - parameters are the command's options
     _check_query(words, has_relation=relation is not None, file=queries, out=out)
     loaded = open_model(model, graph)
     if queries is None and is_set_query(loaded.scorer, words):
-        output.result(*_scored_set(model, graph, words, top, new_only=new_only))
+        output.result(*_scored_set(loaded, words, top, new_only=new_only))
         return
     entities = frozenset(loaded.scorer.entities)
     if queries is None:
@@ -338,17 +338,11 @@ def score(  # noqa: PLR0913 - parameters are the command's options
 
 
 def _scored_set(
-    folder: Path, graph: str | None, words: list[str], top: int, *, new_only: bool
+    model: "Model", words: list[str], top: int, *, new_only: bool
 ) -> "tuple[Suggestions, list[str]]":
     """Return the answer of a model of sets to a recipe, and its lines of text."""
-    from wordcraft_kg.evaluation.suggestions import (
-        open_suggesting,
-        parse_set,
-        score_set,
-        suggest_sets,
-    )
+    from wordcraft_kg.evaluation.suggestions import parse_set, score_set, suggest_sets
 
-    model = open_suggesting(folder, graph)
     entities = frozenset(model.opened.graph.entities)
     ingredients, result, size = parse_set(words, entities)
     if ingredients:

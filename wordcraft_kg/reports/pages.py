@@ -31,7 +31,7 @@ from wordcraft_kg.runs.record import RUN_FILE
 from wordcraft_kg.runs.run_folder import locked
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 Topic = Literal["Graphs", "Links", "Play", "Agents"]
 
@@ -189,21 +189,19 @@ class Report(Generic[V]):
         pictures: charts by the template's names, some in mappings; ``pictures["success"].figure()``
             is one of Matplotlib, to change it or to save it for a paper.
         shown: further values by the template's names.
-        tables: further tables by file name.
-        files: further files by name, such as pictures.
+        files: further files by name, such as pictures and tables.
     """
 
     view: V
     template: str
     pictures: Mapping[str, Any]
     shown: Mapping[str, Any] = field(default_factory=dict)
-    tables: "Mapping[str, pd.DataFrame]" = field(default_factory=dict)
     files: Mapping[str, str | bytes] = field(default_factory=dict)
 
 
 def render(report: Report[Any]) -> str:
     """Return a report's page as self-contained HTML."""
-    data = ("report.json", *report.tables, *report.files)
+    data = ("report.json", *report.files)
     return render_page(
         report.template, data=data, report=report.view, pictures=report.pictures, **report.shown
     )
@@ -211,7 +209,7 @@ def render(report: Report[Any]) -> str:
 
 @stage("writing the report")
 def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None:
-    """Write a report's page, numbers, tables and further files into a folder.
+    """Write a report's page, numbers and further files into a folder.
 
     Args:
         report: the report.
@@ -234,8 +232,5 @@ def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None
             # Checked first: a number out of bounds stops the report before the page shows it.
             write_atomically(folder / "report.json", dump_json(checked_values(report.view)))
             write_atomically(folder / "index.html", render(report))
-            for name, table in report.tables.items():
-                text = table.to_csv(index=False, lineterminator="\n", float_format="%.6g")
-                write_atomically(folder / name, text)
             for name, content in report.files.items():
                 write_atomically(folder / name, content)

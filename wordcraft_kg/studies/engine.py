@@ -178,7 +178,7 @@ def run_plan(
         # One that an interrupted study has left.
         stop_file(root).unlink(missing_ok=True)
         for task in missing:
-            # Results without a readable record are not used.
+            # Damaged results: the task begins anew.
             if (task.folder(root) / METRICS_FILE).exists():
                 shutil.rmtree(task.folder(root))
         with _connected(pool, plan) as cluster:

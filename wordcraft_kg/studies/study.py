@@ -400,7 +400,7 @@ def _check_points(study: Study, source: str) -> None:
                 f"{source}: points[{number}] has {', '.join(point) or 'nothing'}, points[0] has "
                 f"{', '.join(study.points[0]) or 'nothing'}; expected the same settings in all."
             )
-        for name in study.grid.keys() & point.keys():
+        for name in sorted(study.grid.keys() & point.keys()):
             raise ConfigError(f"{source}: points[{number}].{name} is also in the grid; keep one.")
     # Equal points would be counted twice in every mean and correction.
     points = points_of(study)

@@ -65,10 +65,8 @@ def test_a_scorer_of_another_book_explores(printed, recipes_folder, put, refused
     unseen = printed(*start, *QUICK)
     assert list(unseen["players"])[-1] == "recipe-learner"
     book.write_text(book.read_text() + "Eggs,animal,chicken\n")  # a train recipe of the scorer
-    assert ("knows_recipes" in unseen, printed(*start, *QUICK).get("knows_recipes")) == (
-        False,
-        True,
-    )
+    assert "shared_recipes" not in unseen
+    assert printed(*start, *QUICK)["shared_recipes"] == 1
     text = text_of(*start, "--runs", 1, "--attempts", 500, "--players", "recipe-learner")
     rows = {line.split("  ")[0]: line.split() for line in text.splitlines()}
     assert rows["entities known after"][-5:] == ["100", "200", "300", "400", "500"]

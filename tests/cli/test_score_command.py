@@ -158,24 +158,13 @@ def test_score_says_that_a_full_model_has_seen_the_test(run, trained):
     assert note not in run(*query, "--new-only").out
 
 
-def test_without_its_graph_a_model_still_scores_but_not_new_only(
-    printed, refused, run, trained, tmp_path, caplog
-):
+def test_a_model_whose_graph_has_moved_asks_for_it(refused, run, trained, tmp_path):
     write_graph(tmp_path / "graph")
     run("train-complex", tmp_path / "graph", *QUICK, "--out", tmp_path / "one")
     (tmp_path / "graph").rename(tmp_path / "moved")
     query = ("score", tmp_path / "one", "_", "componentOf", "bread")
-    with_graph = printed(*query, "--graph", tmp_path / "moved")["answers"]
-    assert not caplog.records
-    without = printed(*query)
-    assert [row["slots"]["head"] for row in without["answers"]] == [
-        row["slots"]["head"] for row in with_graph
-    ]
-    assert {row["known"] for row in without["answers"]} == {None}
-    assert without["trained_on"] is None
-    assert "not shown which triples are known" in caplog.text
-    assert "--graph" in caplog.text
-    refused(*query, "--new-only", says="--graph", kind="ArtefactError")
+    refused(*query, says="--graph", kind="ArtefactError")
+    assert run(*query, "--graph", tmp_path / "moved").code == 0
     assert run(*query, "--graph", "everyday").kind == "GraphMismatchError"
 
 
@@ -242,12 +231,11 @@ def test_new_only_leaves_known_triples_out_of_a_file_too(printed, trained):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (
-            "flour,combinesWith,water\nflour,combinesWith,watr\n",
-            "line 2: no entity 'watr'. Did you mean 'water'",
-        ),
         ("flour,combineWith,water\n", "line 1: no relation 'combineWith'"),
-        ("head,relation,tail\n_,componentOf,?\n", "line 2: _ componentOf _ has several open slots"),
+        (
+            "head,relation,tail\n_,componentOf,?\n",
+            "line 2: '_ componentOf ?' has several open slots",
+        ),
         ("\n\nflour,water\n", "line 3: 'flour,water' has 2 columns; expected head, relation, tail"),
         ('flour,combinesWith,"wa\n', "line 1: "),
         ("head,relation,tail\n", "has no query"),
@@ -283,13 +271,13 @@ def test_a_wrong_file_of_queries_is_refused_with_the_line(
         pytest.param(
             "yogurt combinesWith rice",
             ["yogurt", "rice"],
-            ["'yogurt', 'rice' are not in the graph: scored by"],
+            ["not in the graph, scored by words alone: 'yogurt', 'rice'"],
             marks=pytest.mark.slow,
         ),
         (
             "bakery combinesWith water",
             ["bakery"],
-            ["scored by its words alone. Did you mean 'baker'"],
+            ["words alone: 'bakery'. Did you mean 'baker'"],
         ),
         ("flour combinesWith water", [], []),
     ],
@@ -310,13 +298,16 @@ def test_new_words_in_a_file_are_scored_and_unknown_words_refused(
     queries, out = tmp_path / "pairs.csv", tmp_path / "scores.csv"
     command = ("score", recipes_folder, "--in", queries, "--top", "2")
     queries.write_text("yogurt,combinesWith,water\nflour,combinesWith,flouurr\n")
-    says = f"{queries}, line 2: no entity 'flouurr'. Did you mean 'flour'"
-    refused(*command, "--out", out, says=says, kind="QueryFileError")
+    says = "no entity 'flouurr'. Did you mean 'flour'"
+    refused(*command, "--out", out, says=says, kind="UnknownEntityError")
     assert not out.exists()
     queries.write_text("yogurt,combinesWith,water\n_,componentOf,rice\nflour,combinesWith,yogurt\n")
     values = printed(*command)
     assert (values["scored"], values["by_words"]) == (4, ["yogurt", "rice"])
-    assert "'yogurt', 'rice' are not in the graph" in run(*command, "--out", out).out
+    assert (
+        "not in the graph, scored by words alone: 'yogurt', 'rice'"
+        in run(*command, "--out", out).out
+    )
     assert len(out.read_text().splitlines()) == 5
 
 
@@ -357,19 +348,16 @@ def in_part(part):
         (["flour", "+", "water"], ("flour", "water", None)),
         (["flour+water"], ("flour", "water", None)),
         (["flour + water"], ("flour", "water", None)),
-        (["flour", "+", "water", "="], ("flour", "water", None)),
         (["flour", "+", "water", "=", "_"], ("flour", "water", None)),
-        (["flour", "+", "water", "dough"], ("flour", "water", "dough")),
         (["flour", "+", "water", "=", "dough"], ("flour", "water", "dough")),
         (["flour", "+", "water", "→", "dough"], ("flour", "water", "dough")),
         (["flour + water -> dough"], ("flour", "water", "dough")),
         (["flour+water=dough"], ("flour", "water", "dough")),
-        (["_", "+", "water", "dough"], (None, "water", "dough")),
         (["water", "+", "?", "=", "dough"], ("water", None, "dough")),
         (["_+water=dough"], (None, "water", "dough")),
         (["cocoa bean", "+", "water"], ("cocoa bean", "water", None)),
         (["cocoa bean+water=cocoa bean"], ("cocoa bean", "water", "cocoa bean")),
-        (["c++", "+", "a->b", "_x"], ("c++", "a->b", "_x")),
+        (["c++", "+", "a->b", "=", "_x"], ("c++", "a->b", "_x")),
     ],
 )
 def test_a_recipe_may_be_written_in_many_ways(words, slots):
@@ -384,8 +372,8 @@ def test_a_recipe_may_be_written_in_many_ways(words, slots):
             "UnknownEntityError",
             "no entity 'waater'. Did you mean 'water'",
         ),
-        (["_", "+", "water"], "ConfigError", "_ + water = _ has several open slots"),
-        (["_", "+", "_", "=", "dough"], "ConfigError", "_ + _ = dough has several open slots"),
+        (["_", "+", "water"], "ConfigError", "'_ water _' has several open slots"),
+        (["_", "+", "_", "=", "dough"], "ConfigError", "'_ _ dough' has several open slots"),
         (["flour", "+"], "ConfigError", "cannot parse recipe 'flour +'"),
         (["flour", "water", "+"], "ConfigError", "cannot parse recipe 'flour water +'"),
         (["flour", "+", "water", "+", "dough"], "ConfigError", "cannot parse recipe"),
@@ -479,7 +467,8 @@ def test_a_recipe_has_a_score_and_ranks_and_in_sample_is_only_its_training(
 
 
 @pytest.mark.parametrize(
-    ("query", "slot"), [("_ + {b} {result}", "ingredient_a"), ("{b} + _ {result}", "ingredient_b")]
+    ("query", "slot"),
+    [("_ + {b} = {result}", "ingredient_a"), ("{b} + _ = {result}", "ingredient_b")],
 )
 def test_partners_are_listed_and_new_ones_only_if_asked(
     printed, recipes_folder, scorer, query, slot

@@ -139,21 +139,6 @@ def test_listed_entities_lead_to_others_by_known_recipes_in_the_fewest_steps(mod
     assert suggest(model, Wish(table=table), 2).num_made == len(found.made)
 
 
-def test_an_analogy_is_the_known_recipe_with_the_most_similar_other_ingredient(finder, graph):
-    a, b = graph.id_of("egg"), graph.id_of("stone")
-    (first, second, result), cosine = finder.analogy(a, b)
-    cosines = {}
-    for row in zip(*finder.learned, strict=True):
-        for common, changed in ((a, b), (b, a)):
-            if common in row[:2]:
-                other = int(row[0] + row[1] - common)
-                if other != changed:
-                    vectors = finder.whole.knowledge.vectors.float()
-                    cosines[tuple(map(int, row))] = float(vectors[other] @ vectors[changed])
-    assert cosine == pytest.approx(max(cosines.values()), abs=1e-5)
-    assert cosines[first, second, result] == pytest.approx(cosine, abs=1e-5)
-
-
 @pytest.mark.parametrize(
     ("wish", "fault"),
     [
@@ -172,11 +157,6 @@ def test_a_wish_is_a_single_one_and_its_pair_has_two_ingredients():
         Wish(pair=("egg", "flour", "milk"))
     with pytest.raises(ConfigError, match="goal and item together"):
         Wish(goal="bread", item="egg")
-
-
-def test_a_goal_has_suggestions_and_no_pairs_that_make_anything_else(model):
-    assert suggest(model, Wish()).analogies
-    assert suggest(model, Wish(goal="bread")).analogies == ()
 
 
 def test_models_without_probabilities_are_refused(model):
@@ -252,7 +232,7 @@ def test_a_ticked_recipe_of_a_single_ingredient_is_accepted(graph, put):
     assert ticked(table, graph) == [Recipe.of("egg", "fire", "ash"), Recipe.of("egg", "shell")]
 
 
-def test_the_command_tells_steps_analogies_and_the_reasons(run, recipes_folder):
+def test_the_command_tells_steps_and_the_reasons(run, recipes_folder):
     told = run("suggest", recipes_folder, "--from", "water,fire,egg", "--top", 3).out
     assert "known:" in told
     assert "likely, not in the book:" in told

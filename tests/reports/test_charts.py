@@ -1,6 +1,5 @@
 """Charts parse, hold their data, survive awkward data, and are safe in a page; own drawings, too."""
 
-import itertools
 import xml.etree.ElementTree as ElementTree
 
 import matplotlib as mpl
@@ -65,13 +64,6 @@ CHARTS = {
         label,
         label,
     ),
-    "dots": lambda label: charts.dots(
-        [label, "b"],
-        {label: [(0.5, 0.4, 0.6), None], "_two": [(0.5, None, None)] * 2},
-        label,
-        label,
-        label,
-    ),
     "intervals": lambda label: charts.intervals(
         [(label, (0.5, 0.4, 0.6)), ("_two", NO_ESTIMATE)], label, label
     ),
@@ -115,28 +107,12 @@ def test_a_curve_goes_through_its_values_and_its_band_lies_around_it():
     np.testing.assert_allclose(band.get_datalim(axes.transData).intervaly, [0.25, 0.95])
 
 
-MIXED_ENDS = [[0.51, 0.5, 0.9, 0.52, 0.49], [0.3, 0.36, 0.42, 0.48, 0.54, 0.5]]
-
-
-@pytest.mark.parametrize("ends", [[0.5, 0.5], [1.0, 1.0, 0.99, 1.0, 1.0], [0.5] * 14, *MIXED_ENDS])
-def test_names_of_curves_do_not_overlap_and_keep_the_order_of_the_ends(ends):
-    names = [f"curve {i}" for i in range(len(ends))]
-    root = parse(drawn(dict(zip(names, map(straight, ends), strict=True))))
-    places = {text.text: numbers_of(text, "x", "y") for text in root.iter("text")}
-    heights = [places[name][1] for name in names]
-    assert np.diff(sorted(heights)).min() >= 11  # the height of the text
-    for a, b in itertools.combinations(range(len(ends)), 2):
-        if ends[a] > ends[b]:
-            assert heights[a] < heights[b]
-
-
 FEW = [
     {},
     {"one": []},
     {"one": [(0, 0.0, None, None)]},
     {"one": [(5, -3.0, -3.0, -3.0)]},
     {"one": [(1, 0.5, 0.5, 0.5), (2, 0.5, 0.5, 0.5)]},
-    {"one": [(-4, 0.1, None, None), (-2, 0.3, None, None)]},
 ]
 
 
@@ -146,9 +122,6 @@ FEW = [
     [
         *(drawn(series, percent=False) for series in FEW),
         drawn({}),
-        charts.dots([], {}, "", "", "d"),
-        charts.dots([], {"a": []}, "", "", "d"),
-        charts.dots(["x"], {"a": [NO_ESTIMATE]}, "", "", "d"),
         charts.intervals([], "x", "d", reference=0.0),
         charts.intervals([("🔥", (0.0, 0.0, 0.0))], "x", "d"),
         charts.intervals([("a", (-0.1, -0.3, 0.2)), ("a", NO_ESTIMATE)], "x", "d", reference=0.0),

@@ -3,6 +3,7 @@ stands alone."""
 
 import base64
 import hashlib
+import io
 import itertools
 import re
 from dataclasses import replace
@@ -231,7 +232,7 @@ def test_best_and_worst_are_the_ends_of_the_ranking_with_each_fact_once(
         return row["relation"], *(sorted(pair) if row["relation"] == "combinesWith" else pair)
 
     ranks = {}
-    for row in kitchen_report.tables["ranks.csv"].to_dict("records"):
+    for row in pd.read_csv(io.StringIO(kitchen_report.files["ranks.csv"])).to_dict("records"):
         ranks[fact(row)] = choose(row["rank"], ranks.get(fact(row), row["rank"]))
     expected = sorted(ranks.values(), reverse=ends == "worst")[: len(values[ends])]
     assert [row["rank"] for row in values[ends]] == expected

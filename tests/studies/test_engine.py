@@ -14,7 +14,6 @@ from small_study import (
     KITCHEN,
     RUN_METRICS,
     TEXT,
-    TRAINED,
     pretend,
     run_small,
     small_plan,
@@ -27,10 +26,9 @@ from wordcraft_kg.base import TEMPORARY, TrainingError, as_values, parse_record
 from wordcraft_kg.graphs.graph_folder import OpenedGraph, PlayedGraph, open_graph
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.reports.pages import render
-from wordcraft_kg.runs.run_folder import locked
 from wordcraft_kg.studies.engine import FullDiskError, Pool, missing_tasks, run_plan
-from wordcraft_kg.studies.perform import make_graph, perform
-from wordcraft_kg.studies.plan import Outcome, agent_config, make_plan
+from wordcraft_kg.studies.perform import perform
+from wordcraft_kg.studies.plan import Outcome, agent_config
 from wordcraft_kg.studies.report import make_study_report, panels_of
 from wordcraft_kg.studies.results import (
     RunMetrics,
@@ -42,7 +40,6 @@ from wordcraft_kg.studies.results import (
     results_text,
     write_metrics,
 )
-from wordcraft_kg.studies.study import adapted
 from wordcraft_kg.studies.view import view_study
 
 
@@ -106,15 +103,6 @@ def test_what_is_done_is_not_done_again(done):
     assert figures(done) == before
 
 
-def test_a_study_that_replaces_another_of_its_name_says_so(tmp_path, caplog):
-    plan = small_plan()
-    run_small(tmp_path, plan, pretend)
-    run_small(tmp_path, make_plan(adapted(plan.study, seeds=3), "small"), pretend)
-    assert not caplog.text, "more seeds of the same study"
-    run_small(tmp_path, make_plan(adapted(plan.study, steps=1024), "small"), pretend)
-    assert "was another one" in caplog.text
-
-
 @pytest.mark.slow
 def test_two_studies_share_what_is_equal(done):
     more = small_plan('[variants.more]\nscorer = "partial"\nuse = "v"', name="larger")
@@ -160,52 +148,6 @@ def test_damaged_figures_are_noticed_and_made_again(done, tmp_path, caplog):
     assert len(run_small(done)) == 1
     assert "is repeated now" in caplog.text
     assert figures(done) == before
-
-
-@pytest.mark.slow
-def test_a_damaged_scorer_that_is_still_needed_is_made_again(done, tmp_path):
-    plan = small_plan()
-    scorer = the("scorers", plan)
-    (scorer.folder(done) / "model.safetensors").write_bytes(b"damaged")
-    assert run_small(done) == [], "nobody needs it any more"
-    (done / plan.runs[2] / "figures.json").unlink()
-    assert run_small(done) == [scorer.title, "guided, distractors 2, seed 0"]
-
-
-def test_a_run_with_a_remade_scorer_is_begun_again(done, tmp_path):
-    """A run whose scorer was made again with other weights is begun again."""
-    plan = small_plan()
-    task = plan.tasks[plan.runs[2]]
-    folder = interrupted(task, done, tmp_path)
-    values = record(folder)
-    values["inputs"]["scorer"] = "0" * 64
-    (folder / "run.json").write_text(json.dumps(values))
-    outcome = perform(task, tmp_path)
-    assert outcome.termination == "done", outcome.error
-    assert "resumed" not in record(folder)
-
-
-def test_a_damaged_graph_that_is_still_needed_is_made_again(done):
-    plan = small_plan()
-    (done / plan.runs[0] / "figures.json").unlink()
-    graph = the("graphs", plan).folder(done) / "graph.json"
-    before = graph.read_bytes()
-    graph.write_bytes(b"{")
-    assert run_small(done) == ["none, distractors 2, seed 0"]
-    assert not collect_study(done, "small").missing
-    assert graph.read_bytes() == before
-
-
-def test_a_training_that_another_process_still_works_on_is_left_alone(tmp_path):
-    plan = small_plan(text=TRAINED)
-    task = the("scorers", plan)
-    make_graph(plan.tasks[task.needs[0]], tmp_path, plan.books[task.needs[0]])
-    (folder := task.folder(tmp_path)).mkdir(parents=True)
-    (folder / "checkpoints").mkdir()
-    with locked(folder):
-        outcome = perform(task, tmp_path)
-    assert (outcome.termination, (folder / "checkpoints").is_dir()) == ("failed", True)
-    assert "by another process" in outcome.error
 
 
 def test_a_failure_stops_nothing_but_what_needs_it_and_is_tried_again(tmp_path):
@@ -360,40 +302,14 @@ def forged(**changes):
     return change
 
 
-def cut_and_consistent(figures):
-    """Leave out a task, and keep all shares, which are the same with one task less."""
-    figures["won"] = ALL_WON[:-1]
-
-
 FORGERIES = {
-    "success above": (
-        forged(success={"test": 0.99}),
-        "'success.test' is 0.99, but 'won' gives 0.5",
-    ),
-    "goals above": (forged(terminations={"goal": 0.99}), "'terminations.goal' is 0.99"),
-    "a task less": (cut_and_consistent, "expected {tasks}, all test tasks"),
+    "success above": (forged(success={"test": 0.99}), "but 'won' gives 0.5"),
     "a task won more": (forged(won="5" + ALL_WON[1:]), "but 'won' gives 0.50"),
     "no digits": (forged(won="zz"), "matching regex"),
-    "no tasks": (forged(won=""), "matching regex"),
     "line break": (forged(won=ALL_WON + "\n"), "matching regex"),
-    "a number": (forged(won=1e308), "Expected 'str', got 'float'"),
-    "more than all": (forged(won="9" + ALL_WON[1:]), "expected at most 'distractor_seeds' 8"),
     "endless tables": (forged(distractor_seeds=1e308), "Expected 'int', got 'float'"),
-    "no tables": (forged(distractor_seeds=0), "expected at most 'distractor_seeds' 0"),
-    "another kind of split": (forged(graph={"kind": "evil"}), "evil split"),
-    "another split": (forged(graph={"split": "0" * 64}), "by-recipe split 000000000000"),
+    "no tables": (forged(distractor_seeds=0), "Expected 'int' >= 1"),
 }
-
-
-LIKE_OTHERS = (
-    "success above",
-    "no digits",
-    "no tasks",
-    "a number",
-    "more than all",
-    "no tables",
-)
-"""Forgeries that fail by the same check as another one."""
 
 
 @pytest.fixture(scope="module")
@@ -404,13 +320,7 @@ def pretended(tmp_path_factory):
     return root
 
 
-@pytest.mark.parametrize(
-    ("forge", "message"),
-    [
-        pytest.param(*case, id=name, marks=pytest.mark.slow if name in LIKE_OTHERS else [])
-        for name, case in FORGERIES.items()
-    ],
-)
+@pytest.mark.parametrize(("forge", "message"), FORGERIES.values(), ids=FORGERIES)
 def test_results_that_contradict_each_other_are_missing_with_the_reason(pretended, forge, message):
     path = pretended / the_run().address / "figures.json"
     text = path.read_text()
@@ -420,7 +330,7 @@ def test_results_that_contradict_each_other_are_missing_with_the_reason(pretende
     path.write_text(json.dumps({"sha256": hash_of(figures), "figures": figures}))
     (lost,) = collect_study(pretended, "small").missing
     path.write_text(text)
-    assert message.format(tasks=len(ALL_WON)) in lost.why
+    assert message in lost.why
 
 
 def test_results_are_read_of_a_book_without_room_for_the_default_table(tmp_path):
@@ -488,7 +398,7 @@ def test_results_of_a_study_have_the_groups_of_their_tasks(tmp_path):
     (groups,) = results.groups
     assert len(set(groups)) == len(set(goals.tolist())) < len(goals)
     assert len({*zip(groups, goals.tolist(), strict=True)}) == len(set(groups))
-    assert results.groups_of(results.runs[0]).tolist() == list(groups)
+    assert results.rates_of(results.runs[:1]).groups.tolist() == list(groups)
     assert parse_record(results_text(results).encode(), StudyResults, "results.json") == results
 
 

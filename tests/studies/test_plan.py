@@ -368,7 +368,7 @@ def test_points_are_crossed_with_the_grid_and_keep_their_order():
         ),
         (
             '[[points]]\nsplit = "by-goal"\n[[points]]\nsplit = "by-goal"',
-            r"points\[1\] is a duplicate",
+            "the point 'split by-goal, 2 distractors' is there twice",
         ),
         ("[[points]]\ndistractors = 3", r"points\[0\].distractors is also in the grid"),
         ('[[points]]\nsplti = "by-goal"', r"unknown setting 'points\[0\].splti'.*split"),

@@ -13,14 +13,14 @@ from wordcraft_kg.base.errors import ConfigError, MissingExtraError
 from wordcraft_kg.base.settings import CORES_VARIABLE
 from wordcraft_kg.studies.engine import Pool, ray_cluster, run_plan
 from wordcraft_kg.studies.perform import make_graph, perform
-from wordcraft_kg.studies.report import as_csv
+from wordcraft_kg.studies.report import tables_of
 from wordcraft_kg.studies.results import collect_study
 from wordcraft_kg.studies.view import view_study
 
 
 def table(root):
     """The table of a study, which has no durations."""
-    return as_csv(view_study(collect_study(root, "small")))
+    return tables_of(view_study(collect_study(root, "small")))
 
 
 @pytest.mark.slow

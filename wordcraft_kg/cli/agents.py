@@ -427,10 +427,8 @@ def _text_of_discovery(view: DiscoveryView) -> Iterator[str]:
     yield from text_table([*rows, {title: "people, another game", **people}])
     yield ""
     yield f"people: {view.people_source}"
-    if view.knows_recipes:
+    if view.shared_recipes:
         seen = "it has seen these combinations"
         yield f"note: {view.scorer} was trained on recipes of {view.graph}: {seen}"
-    if view.shared_recipes or view.contradicted:
         shared = counted(view.shared_recipes, "recipe")
-        pairs = counted(view.contradicted, "pair")
-        yield f"      {shared} of {view.graph} in its training, {pairs} with other results only"
+        yield f"      {shared} of {view.graph} in its training"

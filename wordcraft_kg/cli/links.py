@@ -1,7 +1,6 @@
 """``wordcraft-kg evaluate-links``, ``wordcraft-kg score`` and ``wordcraft-kg suggest``."""
 
 import csv
-import logging
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -31,7 +30,6 @@ from wordcraft_kg.cli.console import (
     write_file,
     write_table,
 )
-from wordcraft_kg.cli.failures import with_options
 from wordcraft_kg.cli.options import Force, MovedGraph, Paths, Table, Words
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.score_limits import MAX_QUERIES
@@ -254,7 +252,7 @@ def score(
     The output marks each triple or recipe as train, valid, test, or new (not in the book). Models
     with folds also give probabilities for triples outside the training data.
 
-    With a train-recipes model, a + b ranks the results, a + b = c (or a + b c) scores a recipe, and
+    With a train-recipes model, a + b ranks the results, a + b = c scores a recipe, and
     _ + b = c ranks partners; a model of sets takes a + b + c = d, and _ + _ + _ = d for the best
     sets of three. Answers come with supporting train recipes and a note if in-sample.
     Entities outside the graph are scored by the words in their labels, with a note.
@@ -272,35 +270,33 @@ def score(
     """
     from wordcraft_kg.evaluation.scores import (
         Scores,
-        ScoringModel,
+        new_words,
         note_of_words,
         parse_query,
         read_queries,
         scoring_of,
         with_new_words,
     )
-    from wordcraft_kg.evaluation.suggestions import check_file_query, is_set_query
+    from wordcraft_kg.evaluation.suggestions import is_set_query
+    from wordcraft_kg.models.model_folder import open_model
+    from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
 
     whole("top", top, 1)
     words = list(query)
     _check_query(words, file=queries, out=out)
-    loaded = ScoringModel.open(model, graph, needs_graph=new_only)
+    loaded = open_model(model, graph)
     if queries is None and is_set_query(loaded.scorer, words):
-        output.result(*_scored_set(model, graph, words, top, new_only=new_only))
+        output.result(*_scored_set(loaded, words, top, new_only=new_only))
         return
-    if loaded.split is None:
-        logging.getLogger(__name__).warning(
-            "not shown which triples are known: %s", with_options(loaded.missing)
-        )
     entities = frozenset(loaded.scorer.entities)
     if queries is None:
         query_list = [parse_query(words, entities)]
     else:
         query_list = read_queries(queries, entities)
-        check_file_query(loaded.scorer, query_list[0])
-    loaded = with_new_words(loaded, model, query_list, queries)
+    outside = OutsideEvidenceFinder.open(model, loaded.opened)
+    loaded = with_new_words(loaded, model, query_list)
     check_file(out, force=force)
-    scoring = scoring_of(loaded, query_list[0])
+    scoring = scoring_of(loaded, query_list[0], outside)
     answers = tuple(
         scoring.answers(query_list, top, new_only=new_only, is_explained=queries is None)
     )
@@ -309,7 +305,9 @@ def score(
     lines += [*note_of_words(loaded), *_notes(loaded.kg, answers)]
     printed_answers = answers if out is None else ()
     file = None if out is None else str(out)
-    view = Scores(len(query_list), len(answers), loaded.kg, loaded.by_words, printed_answers, file)
+    view = Scores(
+        len(query_list), len(answers), loaded.kg, new_words(loaded), printed_answers, file
+    )
     if out is not None:
         write_file(out, _table(query_list[0].columns, answers, out), force=force)
         lines.append(f"wrote {out}: {len(answers):,} scores for {len(query_list):,} queries")
@@ -317,24 +315,19 @@ def score(
 
 
 def _scored_set(
-    folder: Path, graph: str | None, words: list[str], top: int, *, new_only: bool
+    model: "Model", words: list[str], top: int, *, new_only: bool
 ) -> "tuple[Suggestions, list[str]]":
     """Return the answer of a model of sets to a recipe, and its lines of text."""
-    from wordcraft_kg.evaluation.suggestions import (
-        SetQuery,
-        open_suggesting,
-        score_set,
-        suggest_sets,
-    )
+    from wordcraft_kg.evaluation.suggestions import parse_set, score_set, suggest_sets
 
-    model = open_suggesting(folder, graph)
-    query = SetQuery.parse(words, frozenset(model.opened.graph.entities))
-    if query.ingredients and new_only:
+    entities = frozenset(model.opened.graph.entities)
+    ingredients, result, size = parse_set(words, entities)
+    if ingredients and new_only:
         raise ConfigError("`new_only` filters a ranking; leave a slot open.")
-    if query.ingredients:
-        view = score_set(model, query)
+    if ingredients:
+        view = score_set(model, ingredients, result)
     else:
-        view = suggest_sets(model, query.result, top, size=query.size, new_only=new_only)
+        view = suggest_sets(model, result, top, size=size, new_only=new_only)
     return view, list(suggestion_lines(view))
 
 
@@ -401,7 +394,7 @@ def _chance(share: float | None) -> str | None:
     return "< 0.1 %" if share < 0.001 else f"{100 * share:.2g} %"
 
 
-def _notes(kg: "TrainedOn | None", answers: Sequence["ScoredAnswer"]) -> Iterator[str]:
+def _notes(kg: "TrainedOn", answers: Sequence["ScoredAnswer"]) -> Iterator[str]:
     from wordcraft_kg.evaluation.scores import BECAUSE
 
     if any(answer.because for answer in answers):
@@ -471,9 +464,8 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
     """Suggest recipes that the book lacks, the most probable first, with the recipes behind them.
 
     Without further words, suggestions are for the whole book. On a page of 20 no item is in more
-    than three, but those that you name. Where no known entity fits a pair, the most similar recipe
-    tells by analogy. A model of sets (train-recipes on a book of larger sets, or with --parts)
-    also suggests recipes for goals that the book lacks, by their parts and words.
+    than three, but those that you name. A model of sets (train-recipes on a book of larger sets, or
+    with --parts) also suggests recipes for goals that the book lacks, by their parts and words.
 
     Args:
         model: model folder from train-recipes.
@@ -525,7 +517,7 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
         new_only=goal is None,
         rule=user_rule,
     )
-    if not (view.suggestions or view.analogies or view.made):
+    if not (view.suggestions or view.made):
         raise ConfigError(
             f"nothing is left to propose: {book.name} has all recipes that the model looks at. Ask "
             "for another pair, item or goal."
@@ -596,10 +588,6 @@ def suggestion_lines(view: "Suggestions") -> Iterator[str]:
         yield from _suggestion_rows(view.suggestions)
     else:
         yield "no answer: nothing is left to propose"
-    if view.analogies:
-        yield "no known entity fits:"
-    for analogy in view.analogies:
-        yield f"  {' + '.join(analogy.ingredients)} -> ?   as {analogy.like}"
     if view.trained_on == "full":
         yield "The model was trained on all recipes, test recipes included."
 

@@ -1,6 +1,5 @@
 """``wordcraft-kg reproduce``."""
 
-import logging
 import shlex
 import sys
 from collections import Counter
@@ -110,7 +109,7 @@ class ShowOptions:
     """Options for existing results.
 
     Attributes:
-        plot: write a page with all results, a table (CSV) and plots (SVG) into reports/<the study's
+        plot: write a page with all results, and plots (SVG, PDF) into reports/<the study's
             name>, in the results folder or beside the results file.
         force: replace an existing output.
     """
@@ -288,8 +287,6 @@ def _searched(study: Study, name: str, options: EngineOptions, output: Output) -
     """Return a study with the settings that are best on validation tasks, all trained."""
     if options.keep != "all" or options.dry_run:
         raise ConfigError("a search reads the trained agents: leave out `keep` and `dry_run`.")
-    # Each trial replaces the study's record, which it would say.
-    logging.getLogger("wordcraft_kg.studies.results").setLevel(logging.ERROR)
 
     def score(trial: Study) -> float:
         plan = make_plan(trial, name)
@@ -364,11 +361,7 @@ def _reported(
     text += _first(reasons, "--json lists all")
     if not results.runs:
         return values, text
-    try:
-        view = view_study(results)
-    except ConfigError as error:
-        # Metrics cannot be averaged; go on with the next study.
-        return values, [*text, f"no report: {error}"]
+    view = view_study(results)
     page, *_ = write_study_report(view, folder, force=True)
     # After the report, which replaces the folder; small enough to keep with the page.
     write_atomically(folder / "results.json", results_text(results))

@@ -6,7 +6,7 @@ to 0. What an agent would have learned without the source, only another training
 also of unfinished runs: success, statistics and mixing weights λ.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Annotated, Literal, get_args
 
 import msgspec
@@ -82,8 +82,9 @@ def binned(
         yield name, (values >= low) & (values <= high)
 
 
-MADE = "goals that the other book makes"
-NOT_MADE = "goals that the other book does not make"
+OTHER_BOOK = "goals that the other book "
+MADE = OTHER_BOOK + "makes"
+NOT_MADE = OTHER_BOOK + "does not make"
 
 
 def goal_groups(
@@ -305,33 +306,24 @@ def slices_of(
         "layer": [(NEVER, layer < 0), *binned(layer, _LAYERS)],
         "other_book": list(goal_groups(graph, goals, made_by_other_books).items()),
     }
+    success = _successes(results)
     slices = {}
     for name, masks in groups.items():
-        rows = [_slice_success(label, mask, results) for label, mask in masks if mask.any()]
+        # Within a slice, too, whole groups are resampled: the split holds out the tasks of a group
+        # together, so their outcomes are not independent.
+        rows = [
+            SliceSuccess(
+                slice=label,
+                tasks=int(mask.sum()),
+                success=float(success[mask].mean()),
+                ci=task_bootstrap(success[mask], results[0].groups[mask]),
+            )
+            for label, mask in masks
+            if mask.any()
+        ]
         if rows:
             slices[name] = tuple(rows)
     return slices
-
-
-def _slice_success(
-    name: str, mask: NDArray[np.bool_], results: Sequence[Evaluation]
-) -> SliceSuccess:
-    """Return the success rate on a slice of the played tasks, over all results.
-
-    Args:
-        name: the slice.
-        mask: its tasks, one or more, shape (tasks,).
-        results: an evaluation of each run, on the same tasks.
-    """
-    success = _successes(results)[mask]
-    # Within a slice, too, whole groups are resampled: the split holds out the tasks of a group
-    # together, so their outcomes are not independent.
-    return SliceSuccess(
-        slice=name,
-        tasks=len(success),
-        success=float(success.mean()),
-        ci=task_bootstrap(success, results[0].groups[mask]),
-    )
 
 
 class SourceGain(Record):
@@ -436,14 +428,27 @@ class SeedCurve(Record):
 
 def success_curves(members: Sequence[AgentRun]) -> dict[str, tuple[CurvePoint, ...]]:
     """Return mean success curves by split part (test, train), with intervals over seeds."""
-    curves = {part: tuple(_success_points(members, part)) for part in ("test", "train")}
-    return {part: points for part, points in curves.items() if points}
+    curves = {}
+    for part in ("test", "train"):
+        points = tuple(mean_curve(_logged(members, f"{part}_success")))
+        if points:
+            curves[part] = points
+    return curves
 
 
-def _success_points(members: Sequence[AgentRun], part: str) -> Iterator[CurvePoint]:
-    for step, seeds in _shared_rows(members, f"{part}_success"):
-        low, high = student_interval(seeds) or (None, None)
-        yield CurvePoint(step, float(np.mean(seeds)), low, high)
+def shared_steps(curves: Iterable[Mapping[int, float]]) -> pd.DataFrame:
+    """Return the values of curves at the steps that all of them have reached, a column for each."""
+    columns = [pd.Series(curve, dtype=float) for curve in curves]
+    # A mean over fewer curves would jump where one of them ends.
+    return pd.concat(columns, axis=1, join="inner").sort_index()
+
+
+def mean_curve(curves: Iterable[Mapping[int, float]]) -> Iterator[CurvePoint]:
+    """Yield the mean of curves at the steps that all have, with intervals over the curves."""
+    table = shared_steps(curves)
+    for step, values in zip(table.index.tolist(), table.to_numpy(), strict=True):
+        low, high = student_interval(values) or (None, None)
+        yield CurvePoint(step, float(values.mean()), low, high)
 
 
 def lambda_curves(members: Sequence[AgentRun]) -> Iterator[LambdaCurve]:
@@ -455,9 +460,10 @@ def lambda_curves(members: Sequence[AgentRun]) -> Iterator[LambdaCurve]:
     # A source that the agents do not have has no rows, and so no curve.
     for source in (ALPHA.name, *source_names()):
         for action in actions:
-            rows = _shared_rows(members, f"lambda_{source}_{action}")
-            every = max(1, len(rows) // _CURVE_POINTS)
-            points = [(step, float(np.mean(seeds))) for step, seeds in rows[::every]]
+            table = shared_steps(_logged(members, f"lambda_{source}_{action}"))
+            thinned = table[:: max(1, len(table) // _CURVE_POINTS)]
+            rows = zip(thinned.index.tolist(), thinned.to_numpy(), strict=True)
+            points = [(step, float(seeds.mean())) for step, seeds in rows]
             if points:
                 yield LambdaCurve(source, action, tuple(points))
 
@@ -492,11 +498,7 @@ def training_metrics(members: Sequence[AgentRun]) -> dict[TrainingMetric, tuple[
     return by_metric
 
 
-def _shared_rows(members: Sequence[AgentRun], key: str) -> list[tuple[int, list[float]]]:
-    curves = []
+def _logged(members: Sequence[AgentRun], key: str) -> Iterator[dict[int, float]]:
+    """Yield the logged values of each run, by step."""
     for agent in members:
-        values = {row.step: row.figures[key] for row in agent.metrics if key in row.figures}
-        curves.append(pd.Series(values, dtype=float))
-    # Only steps that all runs have reached: a mean over fewer seeds would jump where a run ends.
-    table = pd.concat(curves, axis=1, join="inner").sort_index()
-    return list(zip(table.index.tolist(), table.to_numpy().tolist(), strict=True))
+        yield {row.step: row.figures[key] for row in agent.metrics if key in row.figures}

@@ -161,17 +161,19 @@ class BaselineSuccess(Record):
     by_plan: dict[str, Share]
 
 
-class AgentEpisodes(Record):
-    """Example episodes of an agent, with the scores and logits for each action.
+class Explanation(Record):
+    """Episodes of a trained agent, with all scores and logits for each action.
 
     Attributes:
-        agent: the agent's name.
-        run: the run that played, the agent's first.
-        episodes: the episodes.
+        run: folder of the run; in a report on agents its name, the agent's first.
+        checkpoint: checkpoint of the agent's weights.
+        part: split part with the tasks.
+        episodes: the explained episodes.
     """
 
-    agent: str
     run: str
+    checkpoint: str
+    part: TaskPart
     episodes: tuple[ExplainedEpisode, ...]
 
 
@@ -207,7 +209,7 @@ class AgentsView(Record):
     sampled_from: Count | None
     agents: Annotated[tuple[AgentEntry, ...], msgspec.Meta(min_length=1)]
     baselines: tuple[BaselineSuccess, ...]
-    episodes: tuple[AgentEpisodes, ...]
+    episodes: tuple[Explanation, ...]
 
 
 def by_success(view: AgentsView, amount: int) -> list[AgentEntry]:
@@ -347,8 +349,13 @@ def view_agents(
         ),
         baselines=tuple(_baselines(groups, evaluators, scorer_results)),
         episodes=tuple(
-            AgentEpisodes(name, members[0].name, _episodes(members[0], world, episodes))
-            for name, members in groups.items()
+            Explanation(
+                members[0].name,
+                members[0].checkpoint,
+                part,
+                _episodes(members[0], world, episodes),
+            )
+            for members in groups.values()
         ),
     )
 
@@ -629,22 +636,6 @@ class AgentEvaluation(Record):
                     yield f"{tables}: {source} {gain.sentence}"
 
 
-class Explanation(Record):
-    """Episodes of a trained agent, with all scores and logits for each action.
-
-    Attributes:
-        run: folder of the run.
-        checkpoint: checkpoint of the agent's weights.
-        part: split part with the tasks.
-        episodes: the explained episodes.
-    """
-
-    run: str
-    checkpoint: str
-    part: TaskPart
-    episodes: tuple[ExplainedEpisode, ...]
-
-
 def view_evaluation(
     run: Path,
     trained: OpenedAgent,
@@ -768,8 +759,8 @@ def view_explanation(
 class Baselines(Record):
     """Success rates of scripted players.
 
-    For a model that learned from another book, its players by w and by plans and the player by
-    nearest words have two further rows: goals that the other book makes, and all other goals.
+    For a model that learned from another book, players of this process have two further rows: goals
+    that the other book makes, and all other goals.
 
     Attributes:
         graph: the graph as the user named it.
@@ -840,9 +831,7 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
         opened.split, players.knowledge_of(model[1].scorer if model else None)
     )
     world = World(opened, config)
-    # Only players that may have learned from another book, or know none, tell its goals apart.
     groups: dict[str, NDArray[np.bool_]] = {}
-    grouped = {name for name in scripted if players.is_words_player(name)}
     if model is not None:
         name, trained = model
         # A cross-fitted scorer needs the tasks that it may have been trained on, to answer by the
@@ -852,7 +841,6 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
         guided = players.scorer_players(
             opened.graph, trained.scorer, trained.triples, tasks, plans=True
         )
-        grouped |= {f"{name}, {kind}" for kind in (players.BEST_PAIR, players.PLANNER)}
         # The oracle stays last, as the upper bound.
         oracle = scripted.pop("recipe oracle")
         scripted |= {f"{name}, {kind}": player for kind, player in guided.items()}
@@ -876,10 +864,7 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
         distractor_seeds=tables,
         seed=seed,
         intervals=f"95 %, bootstrap over {opened.split.unit}",
-        rows=(
-            *(row for row in rows if not row.goals or row.player in grouped),
-            *external_rows,
-        ),
+        rows=(*rows, *external_rows),
         shares={group: float(mask[played].mean()) for group, mask in groups.items()},
     )
 

@@ -33,14 +33,11 @@ class Guide(NamedTuple):
         name: name of the model folder.
         recipes: the scorer, for the graph's labels.
         shared: number of recipes of the explored graph that the scorer was trained on.
-        contradicted: number of pairs of the graph for which the scorer was trained on other results
-            only.
     """
 
     name: str
     recipes: "LabelledScorer"
     shared: int = 0
-    contradicted: int = 0
 
     def learner(self) -> "RecipeDiscoverer":
         """Return the player ``recipe-learner``."""
@@ -78,14 +75,9 @@ def open_guide(folder: str | Path, graph: RecipeGraph) -> Guide:
     rows = recipes.rows[graph.recipes]
     # Ingredients in the order of ids of the scorer, as its own recipes have them.
     rows[:, :2].sort(axis=1)
-    world_recipes = set(map(tuple, rows.tolist()))
     train_recipes = set(map(tuple, recipes.scorer.recipes.tolist()))
-    shared = world_recipes & train_recipes
-    world_pairs = {recipe[:2] for recipe in world_recipes}
-    train_pairs = {recipe[:2] for recipe in train_recipes}
-    agreeing = {recipe[:2] for recipe in shared}
-    contradicted = (world_pairs & train_pairs) - agreeing
-    return Guide(Path(folder).name, recipes, len(shared), len(contradicted))
+    shared = train_recipes.intersection(map(tuple, rows.tolist()))
+    return Guide(Path(folder).name, recipes, len(shared))
 
 
 class KnownEntities(Record):
@@ -118,9 +110,7 @@ class DiscoveryView(Record, omit_defaults=True):
         players: known entities by player and attempt count.
         people: entities that people know in another game, by attempt count.
         people_source: publication of these numbers.
-        knows_recipes: whether the guiding scorer has seen recipes of this graph in training.
         shared_recipes: number of recipes of this graph that a guiding recipe scorer was trained on.
-        contradicted: number of pairs for which it was trained on other results only.
         book: name of the book that guides ``book-votes``; None without one.
     """
 
@@ -137,9 +127,7 @@ class DiscoveryView(Record, omit_defaults=True):
     players: dict[str, dict[str, KnownEntities]]
     people: dict[str, float]
     people_source: str
-    knows_recipes: bool = False
     shared_recipes: Count = 0
-    contradicted: Count = 0
     book: str | None = None
 
 
@@ -200,9 +188,7 @@ def view_discovery(
         players=known,
         people={str(attempt): entities for attempt, entities in HUMAN_CURVE.items()},
         people_source=HUMAN_SOURCE,
-        knows_recipes=scorer is not None and scorer.shared > 0,
         shared_recipes=0 if scorer is None else scorer.shared,
-        contradicted=0 if scorer is None else scorer.contradicted,
         book=None if book is None else book.name,
     )
 

@@ -46,21 +46,17 @@ EVERY_PAIR = 300
 
 
 class LikelyRecipes(NamedTuple):
-    """Recipes with their probabilities, best first, and the pairs that they come from.
+    """Recipes with their probabilities, best first, and those of the pairs that they come from.
 
     Attributes:
         rows: ids, shape (n, 3), the smaller ingredient first.
         probabilities: shape (n,).
-        pairs: ids, shape (m, 2), that most probably combine, best first.
-        combines: shape (m,), the probability that each pair makes something.
-        best_shares: shape (m,), the largest probability of a result, if the pair makes something.
+        combines: shape (m,), the probability that each pair makes something, best first.
     """
 
     rows: Ids
     probabilities: Floats
-    pairs: Ids
     combines: Floats
-    best_shares: Floats
 
 
 @dataclass(frozen=True)
@@ -228,8 +224,7 @@ class RecipeFinder:
         values = probabilities[row, column]
         rows = np.column_stack([pairs[row], results.numpy()[row, column]])
         best = np.argsort(-values, kind="stable")
-        best_shares = shares.max(axis=1, initial=0)
-        return LikelyRecipes(rows[best], values[best], pairs, combines, best_shares)
+        return LikelyRecipes(rows[best], values[best], combines)
 
     def _combines(self, pairs: Ids) -> Floats:
         """Return the probability that each pair makes something outside the book, shape (n,)."""
@@ -255,30 +250,3 @@ class RecipeFinder:
         shares = shares.nan_to_num(0)
         covered = probabilities.covered
         return shares.numpy() * (covered if isinstance(covered, float) else 1.0)
-
-    # --- likenesses -------------------------------------------------------------------------------
-
-    def analogy(self, a: int, b: int) -> tuple[tuple[int, int, int], float] | None:
-        """Return the known recipe most like a pair, with one ingredient in common.
-
-        Returns:
-            its ids, and the word cosine of the other ingredients; None without a positive one.
-        """
-        first, second, result = self.learned
-        best: tuple[tuple[int, int, int], float] | None = None
-        for common, replaced in ((a, b), (b, a)):
-            partners = first + second - common
-            has_common = (first == common) | (second == common)
-            # Entities of other books come last; and the pair itself explains nothing.
-            is_own = (result < self.size) & (partners < self.size)
-            rows = np.flatnonzero(has_common & is_own & (partners != replaced))
-            if not len(rows):
-                continue
-            partner_ids = torch.from_numpy(partners[rows])
-            cosines = self.whole.knowledge.word_cosines(replaced, partner_ids)
-            place = int(cosines.argmax())
-            cosine = float(cosines[place])
-            if cosine > (best[1] if best else 0):
-                row = rows[place]
-                best = (int(first[row]), int(second[row]), int(result[row])), min(cosine, 1.0)
-        return best

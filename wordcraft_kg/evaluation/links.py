@@ -121,7 +121,7 @@ def reliability_of(links: RankedLinks) -> Iterator[Reliability]:
     for relation, name in enumerate(RELATIONS):
         chances = scorer.probability(every[:, None], relation, every[None, :]).cpu().numpy()
         # Triples in training are no test: the scorer has seen that they are true.
-        is_asked = ~_table(links.trained_on, relation, size)
+        is_asked = ~_table(links.train_sample.triples, relation, size)
         if relation == COMBINES_WITH:  # both directions are the same fact
             is_asked &= np.tri(size, dtype=bool)
         is_true = _table(graph.triples, relation, size)
@@ -196,8 +196,6 @@ LISTED = 8
 SEEN = ((0, 0), (1, 5), (6, 15), (16, 40), (41, 100), (101, OPEN_END))
 _LAYERS = ((0, 2), (3, 5), (6, 8), (9, 11), (12, OPEN_END))
 NO_NEAR_SYNONYM = "no such train recipe"
-LINKS_TO = "componentOf,"
-"""Beginning of the names of componentOf queries by goal."""
 Verdict = Literal["above", "no significant difference", "below"]
 
 
@@ -324,7 +322,7 @@ def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
     """Return ranking metrics for query groups; ``seed`` is the bootstrap seed."""
     graph = links.graph
     ranks = links.ranks
-    trained_on = links.trained_on
+    trained_on = links.train_sample.triples
     # The answer of each query is the entity in the open slot.
     asks_tail = ranks["side"] == "tail"
     target = np.where(asks_tail, ranks["tail"], ranks["head"]).astype(np.int64)
@@ -349,7 +347,9 @@ def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
     # The goal is the tail of componentOf; combinesWith says nothing about a goal.
     goals = ranks["tail"].to_numpy(dtype=np.int64)
     groups = goal_groups(graph, goals, links.made_by_other_books)
-    by_other_book = [(f"{LINKS_TO} {name}", mask & ~is_symmetric) for name, mask in groups.items()]
+    by_other_book = [
+        (f"componentOf, {name}", mask & ~is_symmetric) for name, mask in groups.items()
+    ]
     return DrillDown(
         seen_in_train=tuple(slices(between(train_uses, SEEN))),
         layer=tuple(slices([("not reachable", layer < 0), *between(layer, _LAYERS)])),
@@ -678,10 +678,10 @@ def _checks(links: RankedLinks) -> Iterator[Check]:
         return
     # Evaluated triples are chosen without leaks: these checks guard this code and its inputs.
     test = links.queries
-    in_train = int(np.sum(is_in(test, links.trained_on, graph.num_entities)))
+    in_train = int(np.sum(is_in(test, links.train_sample.triples, graph.num_entities)))
     # A symmetric model knows a triple if it has seen the mirror.
     mirrors = test[test[:, 1] == COMBINES_WITH][:, [2, 1, 0]]
-    mirrored = int(np.sum(is_in(mirrors, links.trained_on, graph.num_entities)))
+    mirrored = int(np.sum(is_in(mirrors, links.train_sample.triples, graph.num_entities)))
     no_leak = "no evaluated triple is in the training triples"
     yield Check("leak", no_leak, not in_train, f"{in_train} found")
     no_mirror = "no combinesWith triple has its mirror in the training triples"

@@ -80,11 +80,6 @@ class RankedLinks:
         return self.kg == "full"
 
     @property
-    def trained_on(self) -> Ids:
-        """The scorer's training triples as ids, shape (T, 3)."""
-        return self.train_sample.triples
-
-    @property
     def has_table(self) -> bool:
         """Whether the graph is small enough to score all entity pairs."""
         return self.graph.num_entities <= MAP_LIMIT

@@ -9,7 +9,6 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.base import ConfigError, Count, Record, Share, check_file
-from wordcraft_kg.base.artefacts import gunzip, is_gzip
 from wordcraft_kg.base.statistics import paired_difference, wilson_interval
 from wordcraft_kg.graphs import Ids, TrainedOn
 from wordcraft_kg.models.model import Model
@@ -211,7 +210,7 @@ def read_predictions(path: Path) -> Predictions:
     """Read sets of ingredients by goal, best first: ``{"mud": [["earth", "water"], ...], ...}``.
 
     Args:
-        path: a JSON file, perhaps gzipped.
+        path: a JSON file.
 
     Raises:
         ConfigError: if it is no such file.
@@ -223,11 +222,8 @@ def read_predictions(path: Path) -> Predictions:
             "the path."
         )
     check_file(path, _MOST_BYTES)
-    data = path.read_bytes()
-    if is_gzip(data):
-        data = gunzip(path, data, _MOST_BYTES, ConfigError)
     try:
-        return msgspec.convert(json.loads(data), dict[str, list[list[str]]])
+        return msgspec.convert(json.loads(path.read_bytes()), dict[str, list[list[str]]])
     except (ValueError, RecursionError, msgspec.ValidationError) as error:
         raise ConfigError(
             f"{path}: no predictions ({str(error)[:80]}); expected JSON such as "

@@ -13,16 +13,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self, cast, get_args
+from typing import Any, ClassVar, Literal, Self, cast
 
 import msgspec
 import numpy as np
+import pandas as pd
 import torch
 from numpy.typing import NDArray
 
 from wordcraft_kg.base import (
-    ArtefactError,
     ConfigError,
     Count,
     QueryFileError,
@@ -34,16 +35,13 @@ from wordcraft_kg.base import (
 )
 from wordcraft_kg.graphs import (
     COMPONENT_OF,
-    PARTS,
     RELATIONS,
     Ids,
-    Part,
-    Split,
     TrainedOn,
     are_among,
     recipe_keys,
 )
-from wordcraft_kg.models.model_folder import open_model
+from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.recipes.inductive import with_words
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence, OutsideEvidenceFinder
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
@@ -51,7 +49,6 @@ from wordcraft_kg.models.scorers.neighbours.knowledge import LEAST_SHARE
 from wordcraft_kg.models.scorers.neighbours.results import CANDIDATES
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores, Witness
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 
 OPEN = ("_", "?")
 """Spellings for an open slot; shells expand ``?``, but not ``_``."""
@@ -69,14 +66,12 @@ class Query:
     Attributes:
         columns: names of the slots, the header of a file of such queries.
         entity_slots: places of the slots that hold an entity; a relation stands in the others.
-        remedy: what to do with a query of several open slots.
         slots: a label for each column; None for the open slot.
         line: line of the file that the query was read from, from 1; None for arguments.
     """
 
     columns: ClassVar[tuple[str, str, str]] = ("head", "relation", "tail")
     entity_slots: ClassVar[tuple[int, ...]] = (0, 2)
-    remedy: ClassVar[str] = "name the head or the tail."
 
     slots: tuple[str | None, str | None, str | None]
     line: int | None = None
@@ -105,13 +100,13 @@ class Query:
         first, second, third = (
             None if word in ("", *OPEN) and word not in entities else word for word in words
         )
-        query = cls((first, second, third), line)
-        if query.slots.count(None) > 1:
-            raise ConfigError(f"{query} has several open slots: {cls.remedy}")
-        return query
-
-    def __str__(self) -> str:
-        return " ".join(slot or "_" for slot in self.slots)
+        slots = (first, second, third)
+        if slots.count(None) > 1:
+            raise ConfigError(
+                f"'{' '.join(word or '_' for word in words)}' has several open slots; leave a "
+                "single one open."
+            )
+        return cls(slots, line)
 
     @property
     def is_open(self) -> bool:
@@ -130,19 +125,14 @@ class RecipeQuery(Query):
 
     columns = ("ingredient_a", "ingredient_b", "result")
     entity_slots = (0, 1, 2)
-    remedy = "leave a single slot open, an ingredient or the result."
-
-    def __str__(self) -> str:
-        first, second, result = (slot or "_" for slot in self.slots)
-        return f"{first} + {second} = {result}"
 
 
 def parse_query(words: Sequence[str], entities: Collection[str]) -> Query:
     """Parse a triple or recipe query from command line arguments.
 
     A triple is ``head relation [tail]``; a query without tail ranks all tails. A recipe is ``a +
-    b``, ``a + b c`` or ``a + b = c``, in any number of arguments; ``->`` and ``→`` mean ``=``.
-    Arguments that are labels in ``entities`` are never split. A query may name other entities.
+    b`` or ``a + b = c``, in any number of arguments; ``->`` and ``→`` mean ``=``. Arguments that
+    are labels in ``entities`` are never split. A query may name other entities.
 
     Args:
         words: the arguments.
@@ -161,15 +151,12 @@ def parse_query(words: Sequence[str], entities: Collection[str]) -> Query:
                 words, "query", "a head, a relation and perhaps a tail, or a recipe such as a + b"
             )
         return Query.of([*words, ""][:3], entities)
-    # The sign before the result is optional: a + b c.
-    if len(pieces) > 3 and pieces[3] in _MAKES:
-        del pieces[3]
-    labels = pieces[:1] + pieces[2:]
-    if len(labels) not in (2, 3) or pieces[1] != _PLUS or not _SIGNS.isdisjoint(labels):
+    ingredients, result = pieces_of_recipe(words, entities)
+    if len(ingredients) != 2:
         raise _unreadable(
             words, "recipe", "a + b for its results, a + b = c, or _ + b = c for its partners"
         )
-    return RecipeQuery.of([*labels, ""][:3], entities)
+    return RecipeQuery.of([*ingredients, result or ""], entities)
 
 
 def pieces_of_recipe(
@@ -194,7 +181,7 @@ def pieces_of_recipe(
         pieces.pop()
     labels, signs = pieces[::2], pieces[1::2]
     if not labels or len(labels) == len(signs) or set(signs) - {_PLUS} or _SIGNS & set(labels):
-        raise _unreadable(words, "recipe", "a + b + c -> d")
+        raise _unreadable(words, "recipe", "a + b, a + b = c, or a + b + c -> d")
     return tuple(labels), result
 
 
@@ -253,7 +240,7 @@ def read_queries(path: Path, entities: Collection[str]) -> list[Query]:
 
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield the cells of each line that is not blank, and the line where they begin."""
+    """Yield the cells of each line that is not blank, and the line where they end."""
     if not path.is_file():
         raise QueryFileError(
             f"'{path}' is not a file; expected a CSV or TSV file with {', '.join(Query.columns)}."
@@ -272,19 +259,18 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         quoting=csv.QUOTE_NONE if is_tsv else csv.QUOTE_MINIMAL,
         strict=True,
     )
-    # A quoted cell may span lines, so the reader's line number is the last line of a row.
-    begin = 1
     try:
         for cells in reader:
             if any(cell.strip() for cell in cells):
-                yield begin, cells
-            begin = reader.line_num + 1
+                yield reader.line_num, cells
     except csv.Error as error:
         raise QueryFileError(f"{path}, line {reader.line_num}: {error}.") from None
 
 
 Known = Literal["train", "valid", "test", "new"]
 """The split part with a triple or recipe (train takes precedence), or ``new``."""
+KNOWN: tuple[Known, ...] = ("train", "valid", "test", "new")
+"""Names of the parts by their numbers; -1 is ``new``."""
 # Supporting recipes are sorted by share; more would push the results off the screen.
 _SUPPORT = 3
 # A file of queries may name thousands of new entities; a few show what happened.
@@ -299,7 +285,7 @@ class ScoredAnswer(Record, omit_defaults=True):
     Attributes:
         slots: labels by slot: head, relation and tail, or ingredient_a, ingredient_b and result.
         score: higher is more plausible, on the scorer's own scale.
-        known: split part with the triple or recipe, see :data:`Known`; None without the graph.
+        known: split part with the triple or recipe, see :data:`Known`.
         line: line of the query in the queries' file, from 1; None for a query from arguments.
         rank: rank in the list for an open slot, from 1; None for a whole query.
         ranks: rank of each entity in its slot among all entities, from 1, for a whole query from
@@ -315,7 +301,7 @@ class ScoredAnswer(Record, omit_defaults=True):
 
     slots: dict[str, str]
     score: float
-    known: Known | None
+    known: Known
     line: Count | None = None
     rank: Count | None = None
     ranks: dict[str, Count] = msgspec.field(default_factory=dict)
@@ -331,7 +317,7 @@ class Scores(Record, omit_defaults=True):
     Attributes:
         queries: number of queries.
         scored: number of answers.
-        trained_on: training graph of the scorer, `full` or `partial`; None if not recorded.
+        trained_on: training graph of the scorer, `full`, `partial` or `none`.
         by_words: entities outside the graph, scored by their words alone.
         answers: the answers, in the order of the queries, those for an open slot best first; empty
             if they were written to a file.
@@ -340,75 +326,24 @@ class Scores(Record, omit_defaults=True):
 
     queries: Count
     scored: Count
-    trained_on: TrainedOn | None
+    trained_on: TrainedOn
     by_words: tuple[str, ...] = ()
     answers: tuple[ScoredAnswer, ...] = ()
     out: str | None = None
 
 
-@dataclass(frozen=True)
-class ScoringModel:
-    """A scorer and, if the scorer's graph is available, the recipe split.
+def link_probabilities(scorer: Scorer, triples: Ids, known: Sequence[Known]) -> list[float | None]:
+    """Return calibrated probabilities for triples, ids of shape (T, 3).
 
-    Attributes:
-        scorer: the scorer.
-        split: split of the scorer's graph; None without the graph.
-        kg: recipes that the scorer was trained on, ``full`` or ``partial``; None if not recorded.
-        missing: why the graph is not available, or empty.
-        by_words: labels for entities outside the graph, the scorer's last entities, see
-            :func:`with_new_words`.
-        outside: finder for evidence from outside the train recipes; None without such knowledge or
-            without the graph.
+    A triple that is ``known`` from train has None: it is true, and calibration is for new ones. All
+    are None without a calibration.
     """
-
-    scorer: Scorer
-    split: Split | None
-    kg: TrainedOn | None
-    missing: str = ""
-    by_words: tuple[str, ...] = ()
-    outside: OutsideEvidenceFinder | None = None
-
-    @classmethod
-    def open(
-        cls, folder: Path, graph: str | None = None, *, needs_graph: bool = False
-    ) -> "ScoringModel":
-        """Open a model folder, without its graph if that is missing and not needed.
-
-        Args:
-            folder: the model folder.
-            graph: the graph, if it has moved; None for the recorded one.
-            needs_graph: whether a missing graph is an error.
-
-        Returns:
-            The scorer, with the split if the graph is available.
-
-        Raises:
-            ArtefactError: if there is no scorer, or if the graph is missing and ``graph`` or
-                ``needs_graph`` is given.
-        """
-        try:
-            model = open_model(folder, graph)
-        except ArtefactError as error:
-            if graph is not None or needs_graph:
-                raise
-            # Scores need no graph; only parts of the split are missing then.
-            return cls(load_scorer(folder), None, None, str(error))
-        # Only a model that was trained with outside knowledge has evidence from there.
-        outside = OutsideEvidenceFinder.open(folder, model.opened)
-        return cls(model.scorer, model.opened.split, model.kg, outside=outside)
-
-    def probabilities(self, triples: Ids, known: Sequence[Known | None]) -> list[float | None]:
-        """Return calibrated probabilities for triples, ids of shape (T, 3).
-
-        A triple that is ``known`` from train has None: it is true, and calibration is for new ones.
-        All are None without a calibration.
-        """
-        folds = folds_of(self.scorer)
-        if folds is None or folds.probabilities is None:
-            return [None] * len(triples)
-        values = folds.probability(*torch.from_numpy(triples.copy()).T).tolist()
-        pairs = zip(values, known, strict=True)
-        return [None if part == "train" else value for value, part in pairs]
+    folds = folds_of(scorer)
+    if folds is None or folds.probabilities is None:
+        return [None] * len(triples)
+    values = folds.probability(*torch.from_numpy(triples.copy()).T).tolist()
+    pairs = zip(values, known, strict=True)
+    return [None if part == "train" else value for value, part in pairs]
 
 
 @dataclass(frozen=True)
@@ -416,29 +351,31 @@ class Scoring(ABC):
     """Scores of queries of one kind; an answer is a row of three ids, a triple or a recipe.
 
     Attributes:
-        model: the opened model.
+        model: the opened model; its scorer may know further entities, see :func:`with_new_words`.
+        outside: finder for evidence from outside the train recipes; None without such knowledge.
     """
 
-    model: ScoringModel
+    model: Model
+    outside: OutsideEvidenceFinder | None = None
 
     @abstractmethod
     def scores(self, rows: Ids) -> torch.Tensor:
         """Return scores, shape (n,), of rows of ids, shape (n, 3)."""
 
     @abstractmethod
-    def known(self, rows: Ids) -> list[Known | None]:
-        """Return the split part of each row of ids, shape (n, 3).
-
-        The part is ``new`` for a row that the book lacks, and None without the graph.
-        """
+    def part_numbers(self, rows: Ids) -> Ids:
+        """Return the split part of each row, shape (n, 3) -> (n,); -1 if the book lacks it."""
 
     @abstractmethod
-    def facts(self, query: Query, rows: Ids, *, is_explained: bool) -> Iterator[dict[str, Any]]:
-        """Yield the fields of each answer besides slots, score and ranks.
+    def facts(
+        self, query: Query, rows: Ids, known: Sequence[Known], *, is_explained: bool
+    ) -> Iterator[dict[str, Any]]:
+        """Yield the fields of each answer besides slots, score, part and ranks.
 
         Args:
             query: the query.
             rows: its answers, ids of shape (n, 3).
+            known: the split part of each.
             is_explained: whether to look up evidence, which is slow beside scoring.
         """
 
@@ -492,7 +429,7 @@ class Scoring(ABC):
         Args:
             query: a query with an open slot.
             top: most answers to return.
-            new_only: omit known triples or recipes; without a graph, none counts as new.
+            new_only: omit known triples or recipes.
 
         Returns:
             Rows of ids, shape (n, 3), and their scores.
@@ -501,14 +438,12 @@ class Scoring(ABC):
             UnknownEntityError: for a label that the scorer does not know.
         """
         rows, scores = self.candidates(query, top)
-        split = self.model.split
         # Stable: equal scores keep the order of ids on every device.
         order = torch.sort(scores, descending=True, stable=True).indices.numpy()
-        if split is None or not split.graph.has_self_results:
+        if not self.model.opened.graph.has_self_results:
             order = order[~self._repeats_result(rows[order])]
         if new_only:
-            is_new = np.array([part == "new" for part in self.known(rows[order])], dtype=bool)
-            order = order[is_new]
+            order = order[self.part_numbers(rows[order]) < 0]
         order = order[:top].copy()
         return rows[order], scores[order].tolist()
 
@@ -573,13 +508,16 @@ class Scoring(ABC):
                         query.columns[place]: self.rank(query, place, rows, values[0])
                         for place in query.entity_slots
                     }
-            facts = self.facts(query, rows, is_explained=is_explained)
-            for place, (row, score, fields) in enumerate(zip(rows, values, facts, strict=True)):
-                if new_only and fields["known"] != "new":
+            parts = [KNOWN[part] for part in self.part_numbers(rows).tolist()]
+            facts = self.facts(query, rows, parts, is_explained=is_explained)
+            answers = zip(rows, values, parts, facts, strict=True)
+            for place, (row, score, part, fields) in enumerate(answers):
+                if new_only and part != "new":
                     continue
                 yield ScoredAnswer(
                     slots=dict(zip(query.columns, self.labels(row), strict=True)),
                     score=score,
+                    known=part,
                     line=query.line,
                     rank=place + 1 if query.is_open else None,
                     ranks=ranks,
@@ -593,27 +531,22 @@ class LinkScoring(Scoring):
     def scores(self, rows: Ids) -> torch.Tensor:  # noqa: D102
         return self.model.scorer.score(*torch.from_numpy(rows.copy()).T).cpu()
 
-    def known(self, rows: Ids) -> list[Known | None]:  # noqa: D102
-        split = self.model.split
-        if split is None:
-            return [None] * len(rows)
-        # In the order of the split's part numbers.
-        names: tuple[Known, ...] = (*PARTS, "new")  # type: ignore[assignment]
-        # New entities are in no recipe: index -1 is "new".
+    def part_numbers(self, rows: Ids) -> Ids:  # noqa: D102
+        split = self.model.opened.split
+        # New entities are in no recipe.
         is_in_graph = (rows < split.graph.num_entities).all(axis=1)
         parts = np.full(len(rows), -1)
         parts[is_in_graph] = split.part_of(rows[is_in_graph])
-        return [names[part] for part in parts.tolist()]
+        return parts
 
     def facts(  # noqa: D102
-        self, query: Query, rows: Ids, *, is_explained: bool
+        self, query: Query, rows: Ids, known: Sequence[Known], *, is_explained: bool
     ) -> Iterator[dict[str, Any]]:
-        finder = self.model.outside if is_explained else None
-        parts = self.known(rows)
-        probabilities = self.model.probabilities(rows, parts)
-        for row, part, probability in zip(rows, parts, probabilities, strict=True):
+        finder = self.outside if is_explained else None
+        probabilities = link_probabilities(self.model.scorer, rows, known)
+        for row, probability in zip(rows, probabilities, strict=True):
             outside = finder.of_link(*self.labels(row)) if finder else ()
-            yield {"known": part, "probability": probability, "outside": outside}
+            yield {"probability": probability, "outside": outside}
 
     def labels(self, row: Ids) -> tuple[str, str, str]:  # noqa: D102
         head, relation, tail = row.tolist()
@@ -631,14 +564,15 @@ class RecipeScoring(Scoring):
     """Scores of recipes: two ingredients and the result.
 
     Raises:
-        ConfigError: if the model scores links (triples), not recipes.
+        ConfigError: if the model scores links (triples) or sets, not pairs.
     """
 
     def __post_init__(self) -> None:
         if not isinstance(self.scorer, RecipeScores):
             raise ConfigError(
-                f"{self.model.scorer.name} scores links, not recipes. Give a link, such as flour "
-                "combinesWith water, or train a recipe scorer with `wordcraft-kg train-recipes`."
+                f"{self.model.scorer.name} scores no recipes of pairs. Give a link, such as flour "
+                "combinesWith water, or train a recipe scorer with `wordcraft-kg train-recipes`; "
+                "a model of sets takes each recipe as an argument, a + b + c -> d."
             )
 
     @property
@@ -650,12 +584,9 @@ class RecipeScoring(Scoring):
         return cast(RecipeScores, whole_of(self.model.scorer))
 
     @cached_property
-    def parts(self) -> dict[Part, Ids]:
-        """Keys of the recipes in each split part, ascending; empty without the graph."""
-        split = self.model.split
-        if split is None:
-            return {}
-        return {part: np.sort(self._keys(split.recipes(part))) for part in get_args(Part)}
+    def book(self) -> pd.Index:
+        """Keys of the book's recipes, in their order."""
+        return pd.Index(self._keys(self.model.opened.graph.recipes))
 
     @cached_property
     def seen(self) -> Ids:
@@ -669,18 +600,13 @@ class RecipeScoring(Scoring):
     def scores(self, rows: Ids) -> torch.Tensor:  # noqa: D102
         return self.scorer.score_recipes(*torch.from_numpy(rows.copy()).T).cpu()
 
-    def known(self, rows: Ids) -> list[Known | None]:  # noqa: D102
-        if self.model.split is None:
-            return [None] * len(rows)
-        parts: list[Known | None] = ["new"] * len(rows)
-        keys = self._keys(rows)
-        for part, recipes in self.parts.items():
-            for place in np.flatnonzero(are_among(keys, recipes)):
-                parts[place] = part
-        return parts
+    def part_numbers(self, rows: Ids) -> Ids:  # noqa: D102
+        # A key that the book lacks has the index -1.
+        places = self.book.get_indexer(pd.Index(self._keys(rows)))
+        return np.append(self.model.opened.split.parts, -1)[places]
 
     def facts(  # noqa: D102
-        self, query: Query, rows: Ids, *, is_explained: bool
+        self, query: Query, rows: Ids, known: Sequence[Known], *, is_explained: bool
     ) -> Iterator[dict[str, Any]]:
         is_seen = are_among(self._keys(rows), self.seen).tolist()
         shares: list[float | None] = [None] * len(rows)
@@ -689,14 +615,12 @@ class RecipeScoring(Scoring):
         is_asked = is_explained and query.slots[2] is None
         if is_asked and folds is not None and folds.probabilities is not None:
             shares = folds.result_probabilities(*query.labels)[rows[:, 2]].tolist()
-        finder = self.model.outside
-        parts = self.known(rows)
-        for row, part, in_sample, share in zip(rows, parts, is_seen, shares, strict=True):
-            fields = {"known": part, "in_sample": in_sample, "probability": share}
+        for row, in_sample, share in zip(rows, is_seen, shares, strict=True):
+            fields = {"in_sample": in_sample, "probability": share}
             if is_explained:
                 labels = self.labels(row)
                 fields["because"] = tuple(self.scorer.supporting_recipes(*labels, limit=_SUPPORT))
-                fields["outside"] = finder.of_recipe(*labels) if finder else ()
+                fields["outside"] = self.outside.of_recipe(*labels) if self.outside else ()
             yield fields
 
     def candidates(self, query: Query, top: int) -> tuple[Ids, torch.Tensor]:
@@ -722,69 +646,54 @@ class RecipeScoring(Scoring):
         return np.asarray((rows[:, :2] == rows[:, 2:]).any(axis=1))
 
 
-def scoring_of(model: ScoringModel, query: Query) -> Scoring:
+def scoring_of(model: Model, query: Query, outside: OutsideEvidenceFinder | None = None) -> Scoring:
     """Return the scoring for queries of the kind of ``query``.
 
     Raises:
         ConfigError: if the query is a recipe, and the model scores links (triples) only.
     """
-    return RecipeScoring(model) if isinstance(query, RecipeQuery) else LinkScoring(model)
+    kind = RecipeScoring if isinstance(query, RecipeQuery) else LinkScoring
+    return kind(model, outside)
 
 
-def with_new_words(
-    model: ScoringModel, folder: Path, queries: Sequence[Query], file: Path | None = None
-) -> ScoringModel:
+def with_new_words(model: Model, folder: Path, queries: Sequence[Query]) -> Model:
     """Extend a model by the queries' entities that its graph lacks, described by their words alone.
 
     Args:
         model: the model.
         folder: the model folder.
         queries: the queries.
-        file: file of the queries; None for arguments.
 
     Returns:
         The extended model, or ``model`` itself if the graph has all entities.
 
     Raises:
         UnknownEntityError: if no word of an entity has a vector, or the model uses no words.
-        QueryFileError: the same for queries of a file, with the line of the first such entity.
         ArtefactError: if the folder is damaged, or the word vectors have changed.
     """
-    # In the order of the queries, with the line where each new entity first stands.
-    lines: dict[str, int | None] = {}
     entities = frozenset(model.scorer.entities)
-    for query in queries:
-        for label in query.labels:
-            if label not in entities:
-                lines.setdefault(label, query.line)
-    if not lines:
+    labels = chain.from_iterable(query.labels for query in queries)
+    new = tuple(dict.fromkeys(label for label in labels if label not in entities))
+    if not new:
         return model
-
-    def where(label: str) -> str:
-        return "" if file is None else f"{file}, line {lines[label]}: "
-
-    try:
-        scorer = with_words(folder, model.scorer, tuple(lines), where=where)
-    except UnknownEntityError as error:
-        # An error in a file is an error of the file, with its line.
-        if file is None:
-            raise
-        raise QueryFileError(str(error)) from None
-    return replace(model, scorer=scorer, by_words=tuple(lines))
+    return replace(model, scorer=with_words(folder, model.scorer, new))
 
 
-def note_of_words(model: ScoringModel) -> list[str]:
+def new_words(model: Model) -> tuple[str, ...]:
+    """Return the entities of a model's scorer that its graph lacks, its last ones."""
+    return tuple(model.scorer.entities[model.opened.graph.num_entities :])
+
+
+def note_of_words(model: Model) -> list[str]:
     """Return a note on new entities in queries, scored by their words; empty without any."""
-    words = model.by_words
+    words = new_words(model)
     if not words:
         return []
     # A single new entity may be a misspelling that has a vector, too: the nearest label helps then.
-    if len(words) == 1:
-        hint = nearest(words[0], model.scorer.entities[:-1])
-        return [f"'{words[0]}' is not in the graph: scored by its words alone.{hint}"]
+    hint = nearest(words[0], model.opened.graph.entities) if len(words) == 1 else ""
     listed = ", ".join(f"'{label}'" for label in words[:_LISTED])
     ending = f" and {len(words) - _LISTED:,} more" if len(words) > _LISTED else ""
-    return [f"{listed}{ending} are not in the graph: scored by their words alone."]
+    return [f"not in the graph, scored by words alone: {listed}{ending}.{hint}"]
 
 
 def main_support(witnesses: Sequence[Witness]) -> Sequence[Witness]:

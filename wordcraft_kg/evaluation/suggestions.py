@@ -12,9 +12,8 @@ without options.
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
-from itertools import islice
 from pathlib import Path
 from typing import get_args
 
@@ -34,7 +33,7 @@ from wordcraft_kg.base import (
     write_atomically,
 )
 from wordcraft_kg.evaluation.likely_recipes import LikelyRecipes, RecipeFinder
-from wordcraft_kg.evaluation.scores import OPEN, Known, Query, RecipeQuery, pieces_of_recipe
+from wordcraft_kg.evaluation.scores import OPEN, Known, pieces_of_recipe
 from wordcraft_kg.graphs import (
     MOST_INGREDIENTS,
     Ids,
@@ -70,11 +69,6 @@ PAGE = 20
 MOST_OF_ITEM = 3
 """Most suggestions of a page with one item that the reader did not name: with more, a page is a
 single finding with many faces, and three show that it is no slip."""
-FIT = 0.25
-"""Largest probability of a result with which no known entity fits a pair: three others are as
-likely together."""
-ANALOGIES = 3
-"""Most pairs that are listed without a result."""
 MOST_GOALS = 2_000
 """Most goals whose sets a model of sets ranks at once; each takes milliseconds."""
 _SETS = 20
@@ -120,21 +114,6 @@ class Suggestion(Record):
     steps: Count | None = None
 
 
-class Analogy(Record):
-    """A pair that probably makes something, which no known entity fits.
-
-    Attributes:
-        ingredients: labels of the pair.
-        probability: that the pair makes something.
-        like: the most similar known recipe; its strength is the word cosine of the ingredients that
-            differ.
-    """
-
-    ingredients: tuple[str, ...]
-    probability: Share
-    like: SetSupport
-
-
 class Wish(Record):
     """The recipes that a user wants; without any name those of the whole book.
 
@@ -174,15 +153,6 @@ class Wish(Record):
         single = (label for label in (self.goal, self.item) if label is not None)
         return (*single, *self.pair, *self.table)
 
-    def check(self, graph: RecipeGraph) -> None:
-        """Check that the graph has all named entities.
-
-        Raises:
-            UnknownEntityError: for the first that it lacks, with the nearest labels.
-        """
-        for label in self.labels:
-            graph.id_of(label)
-
     def takes(self, ingredients: Sequence[str], steps: int | None) -> bool:
         """Return whether a recipe of any goal is wanted; without steps, entities do not make it."""
         has_pair = not Counter(self.pair) - Counter(ingredients)
@@ -199,7 +169,6 @@ class Suggestions(Record):
         new: entities of the wish that the graph lacks, known by their parts and words.
         suggestions: recipes, best first.
         trained_on: training graph of the model.
-        analogies: pairs without a fitting result.
         combines: probability that the wanted pair makes something that the book lacks; None without
             a pair.
         made: known recipes by which the listed entities lead to others, in order of their steps.
@@ -211,55 +180,44 @@ class Suggestions(Record):
     new: tuple[str, ...]
     suggestions: tuple[Suggestion, ...]
     trained_on: TrainedOn
-    analogies: tuple[Analogy, ...] = ()
     combines: Share | None = None
     made: tuple[Suggestion, ...] = ()
     num_made: Count = 0
 
 
-@dataclass(frozen=True)
-class SetQuery:
-    """A query for a recipe of any number of ingredients.
+def parse_set(words: Sequence[str], entities: frozenset[str]) -> tuple[tuple[str, ...], str, int]:
+    """Parse ``a + b + c -> d`` or ``_ + _ + _ -> d``.
 
-    Attributes:
-        ingredients: labels; empty for the best sets of ``size`` ingredients.
-        result: label of the result.
-        size: number of ingredients.
+    Args:
+        words: the arguments of the query.
+        entities: labels of the graph, which are never split.
+
+    Returns:
+        Labels of the ingredients, none for the best sets; label of the result; number of
+        ingredients.
+
+    Raises:
+        ConfigError: for any other query, such as one without a result.
     """
-
-    ingredients: tuple[str, ...]
-    result: str
-    size: int
-
-    @classmethod
-    def parse(cls, words: Sequence[str], entities: frozenset[str]) -> "SetQuery":
-        """Read ``a + b + c -> d`` or ``_ + _ + _ -> d``.
-
-        Raises:
-            ConfigError: for any other query, such as one without a result.
-        """
-        ingredients, result = pieces_of_recipe(words, entities)
-        if result is None:
-            raise ConfigError(
-                f"no result in '{' '.join(words)}': a model of sets scores whole recipes; expected "
-                "a + b + c = d. Add the result."
-            )
-        is_open = [label in OPEN and label not in entities for label in ingredients]
-        if result in OPEN or (any(is_open) and not all(is_open)):
-            raise ConfigError(
-                f"cannot parse recipe '{' '.join(words)}' for a model of sets; expected "
-                "a + b + c -> d, or _ + _ + _ -> d for the best sets of three."
-            )
-        if not 1 <= len(ingredients) <= MOST_INGREDIENTS:
-            raise ConfigError(
-                f"{len(ingredients)} ingredients; expected 1 to {MOST_INGREDIENTS}. Split the "
-                "recipe."
-            )
-        if result in ingredients:
-            raise ConfigError(
-                f"'{result}' is among its own ingredients; expected other ingredients."
-            )
-        return cls(() if all(is_open) else ingredients, result, len(ingredients))
+    ingredients, result = pieces_of_recipe(words, entities)
+    if result is None:
+        raise ConfigError(
+            f"no result in '{' '.join(words)}': a model of sets scores whole recipes; expected "
+            "a + b + c = d. Add the result."
+        )
+    is_open = [label in OPEN and label not in entities for label in ingredients]
+    if result in OPEN or (any(is_open) and not all(is_open)):
+        raise ConfigError(
+            f"cannot parse recipe '{' '.join(words)}' for a model of sets; expected "
+            "a + b + c -> d, or _ + _ + _ -> d for the best sets of three."
+        )
+    if len(ingredients) > MOST_INGREDIENTS:
+        raise ConfigError(
+            f"{len(ingredients)} ingredients; expected 1 to {MOST_INGREDIENTS}. Split the recipe."
+        )
+    if result in ingredients:
+        raise ConfigError(f"'{result}' is among its own ingredients; expected other ingredients.")
+    return () if all(is_open) else ingredients, result, len(ingredients)
 
 
 def is_set_model(model: Model) -> bool:
@@ -271,24 +229,6 @@ def is_set_query(scorer: object, words: Sequence[str]) -> bool:
     """Return whether the words of a query are a recipe for a model of sets."""
     signs = ("+", "=", "->", "→")
     return isinstance(scorer, SetScorer) and any(sign in word for word in words for sign in signs)
-
-
-def check_file_query(scorer: object, query: Query) -> None:
-    """Refuse a file of recipes for a model of sets.
-
-    Args:
-        scorer: the model's scorer.
-        query: the first query of the file.
-
-    Raises:
-        ConfigError: if the model is of sets, and the query a recipe.
-    """
-    if isinstance(scorer, SetScorer) and isinstance(query, RecipeQuery):
-        raise ConfigError(
-            "a file of recipes for a model of sets, which scores recipes one at a time; expected "
-            "triples. Give each recipe as an argument, a + b + c -> d, or use `score_sets` in "
-            "Python."
-        )
 
 
 def can_suggest(model: Model) -> bool:
@@ -357,17 +297,21 @@ def suggest_sets(
     return Suggestions(Wish(goal=goal), _parts(scorer, goal), new, tuple(suggestions), model.kg)
 
 
-def score_set(model: Model, query: SetQuery) -> Suggestions:
+def score_set(model: Model, ingredients: Sequence[str], goal: str) -> Suggestions:
     """Score a whole recipe by a model of sets; entities that the graph lacks count by parts, words.
+
+    Args:
+        model: a model of sets.
+        ingredients: labels.
+        goal: label of the result.
 
     Raises:
         ConfigError: if nothing is known of an entity.
     """
-    scorer, new = _scorer_of(model, [*query.ingredients, query.result])
-    ids = scorer.entity_ids(list(query.ingredients)).tolist()
+    scorer, new = _scorer_of(model, [*ingredients, goal])
+    ids = scorer.entity_ids(list(ingredients)).tolist()
     row = np.full((1, MOST_INGREDIENTS), NO_INGREDIENT)
     row[0, : len(ids)] = ids
-    goal = query.result
     score = float(scorer.score_sets(row, scorer.entity_ids([goal]).numpy())[0])
     suggestion = _suggestion(model.opened.split, scorer, tuple(sorted(ids)), goal, score)
     return Suggestions(Wish(goal=goal), _parts(scorer, goal), new, (suggestion,), model.kg)
@@ -461,29 +405,24 @@ def suggest(
             "and `goal`. Leave `rule` out."
         )
     graph = model.opened.graph
-    wish.check(graph)
+    named = {graph.id_of(label) for label in wish.labels}
     steps = layers(graph, wish.table) if wish.table else None
-    analogies: tuple[Analogy, ...] = ()
     combines = None
     if is_set_model(model):
-        listed = list(_likely_sets(model, wish, steps, top, has_coverage=has_coverage))
+        listed = list(_likely_sets(model, wish, named, steps, top, has_coverage=has_coverage))
     else:
         # Test recipes are in the book, too.
         finder = RecipeFinder.of(
             model.scorer, graph.recipes, allows_self_results=graph.has_self_results
         )
         recipes = likely_pairs(finder, wish, graph, steps)
-        rows = varied(recipes.rows.tolist(), top, {graph.id_of(label) for label in wish.labels})
+        rows = varied(recipes.rows.tolist(), top, named)
         listed = [
             _suggested_pair(
                 finder.whole, recipes.rows[row], float(recipes.probabilities[row]), steps
             )
             for row in rows
         ]
-        shown_pairs = () if wish.pair else {suggestion.ingredients for suggestion in listed}
-        if wish.goal is None:
-            gaps = _analogies(finder, recipes, graph, shown_pairs)
-            analogies = tuple(islice(gaps, ANALOGIES))
         combines = float(recipes.combines[0]) if wish.pair else None
     known_steps = [] if steps is None else list(_made(model.opened.split, steps))
     return Suggestions(
@@ -492,7 +431,6 @@ def suggest(
         (),
         tuple(listed),
         model.kg,
-        analogies,
         combines,
         tuple(known_steps[:top]),
         len(known_steps),
@@ -571,31 +509,6 @@ def _step(steps: Ids | None, ingredients: Sequence[int]) -> int | None:
     return int(steps[list(ingredients)].max()) + 1
 
 
-def _analogies(
-    finder: RecipeFinder,
-    likely: LikelyRecipes,
-    graph: RecipeGraph,
-    shown: Collection[tuple[str, ...]],
-) -> Iterator[Analogy]:
-    """Yield the pairs that most probably make something which no known entity fits.
-
-    A pair that is ``shown`` with a result has one; a pair alone may make nothing.
-    """
-    is_alone = len(likely.pairs) == 1
-    fits = likely.combines * likely.best_shares if is_alone else likely.best_shares
-    gaps = np.where(fits < FIT, likely.combines * (1 - likely.best_shares), 0)
-    for row in np.argsort(-gaps, kind="stable").tolist():
-        if gaps[row] <= 0:
-            return
-        pair = likely.pairs[row].tolist()
-        labels = graph.labels(pair)
-        like = None if labels in shown else finder.analogy(*pair)
-        if like is not None:
-            *ingredients, result = graph.labels(like[0])
-            support = SetSupport(tuple(ingredients), result, like[1])
-            yield Analogy(labels, float(likely.combines[row]), support)
-
-
 def _made(split: Split, steps: Ids) -> Iterator[Suggestion]:
     """Yield a known recipe for each entity that the listed ones lead to, in order of steps."""
     graph = split.graph
@@ -616,7 +529,13 @@ def _made(split: Split, steps: Ids) -> Iterator[Suggestion]:
 
 
 def _likely_sets(
-    model: Model, wish: Wish, steps: Ids | None, top: int, *, has_coverage: bool
+    model: Model,
+    wish: Wish,
+    named: Collection[int],
+    steps: Ids | None,
+    top: int,
+    *,
+    has_coverage: bool,
 ) -> Iterator[Suggestion]:
     """Yield the most probable sets that a wish asks for, of all goals that the book makes."""
     scorer = model.scorer
@@ -645,9 +564,8 @@ def _likely_sets(
         has_self = goal in ranked_set.ingredients and not graph.has_self_results
         if is_new and not has_self and wish.takes(labels, step):
             candidates.append((ranked_set, goal, step))
-    wish_ids = {graph.id_of(label) for label in wish.labels}
     rows = varied(
-        ((*ranked_set.ingredients, goal) for ranked_set, goal, _ in candidates), top, wish_ids
+        ((*ranked_set.ingredients, goal) for ranked_set, goal, _ in candidates), top, named
     )
     for row in rows:
         ranked_set, goal, step = candidates[row]
@@ -693,12 +611,10 @@ def write_suggestions(suggestions: Sequence[Suggestion], out: Path) -> None:
         out: a .csv or .tsv file.
 
     Raises:
-        RecipeFileError: if the ending is another, or there is no suggestion.
+        RecipeFileError: if the ending is another.
         OutputExistsError: if the file exists.
     """
     check_new_table(out)
-    if not suggestions:
-        raise RecipeFileError(f"{out} was not written: there is no suggestion to write.")
     delimiter = "," if out.suffix.lower() == ".csv" else "\t"
     write_atomically(output_target(out), table_lines(suggestions, delimiter))
 

@@ -3,9 +3,7 @@
 Charts are curves of success, statistics and mixing weights, and bars of score sources.
 """
 
-import re
 from collections.abc import Mapping, Sequence
-from itertools import chain
 from typing import Any
 
 from markupsafe import Markup
@@ -13,9 +11,7 @@ from markupsafe import Markup
 from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
 from wordcraft_kg.agents.players import advice_on_words
 from wordcraft_kg.evaluation.agent_metrics import (
-    MADE,
-    NEVER,
-    NOT_MADE,
+    OTHER_BOOK,
     CurvePoint,
     LambdaCurve,
     SeedCurve,
@@ -234,15 +230,6 @@ def make_agent_report(view: AgentsView) -> Report[AgentsView]:
     )
 
 
-def _place(label: str) -> int:
-    """Return the place of a group of tasks in a chart: named groups, then groups by number."""
-    names = (NEVER, MADE, NOT_MADE)
-    # Negative places come before all numbers, which begin at 0.
-    if label in names:
-        return names.index(label) - len(names)
-    return int(re.split("[–+]", label)[0])
-
-
 def _success(view: AgentsView) -> charts.Chart:
     headline = str(view.headline)
     rows: list[tuple[str, charts.Estimate]] = []
@@ -272,17 +259,13 @@ def _success(view: AgentsView) -> charts.Chart:
 def _pictures_of_slices(view: AgentsView) -> dict[Slice, charts.Chart]:
     pictures: dict[Slice, charts.Chart] = {}
     for key, (_, axis) in _SLICES.items():
-        groups: dict[str, dict[str, charts.Estimate]] = {}
+        rows: list[tuple[str, charts.Estimate]] = []
         for agent in view.agents:
-            slices = agent.slices.get(key, ())
-            groups[agent.name] = {row.slice: (row.success, *row.ci) for row in slices}
-        labels = sorted({*chain.from_iterable(groups.values())}, key=_place)
-        if not labels:
-            continue
-        cells = {}
-        for name, rows in groups.items():
-            # An agent has None for a group in which it played no task.
-            cells[name] = [rows.get(label) for label in labels]
-        measure = f"success on {view.part} tasks"
-        pictures[key] = charts.dots(labels, cells, axis, measure, f"Success by {axis}")
+            ending = f", {agent.name}" if len(view.agents) > 1 else ""
+            for row in agent.slices.get(key, ()):
+                group = row.slice.removeprefix(OTHER_BOOK)
+                rows.append((f"{group}{ending}", (row.success, *row.ci)))
+        if rows:
+            measure = f"success on {view.part} tasks, by {axis}"
+            pictures[key] = charts.intervals(rows, measure, f"Success by {axis}", percent=True)
     return pictures

@@ -9,7 +9,6 @@ because importing it takes half a second.
 import io
 import math
 import re
-import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -92,54 +91,6 @@ def element(name: str, /, *inside: object, **attributes: object) -> Markup:
     return Markup(f"{opening}>{content}</{name}>")
 
 
-def shortened(text: str, letters: int) -> str:
-    """Shorten a text to a number of letters, with an ellipsis."""
-    if len(text) <= letters:
-        return text
-    # Room for the ellipsis, but never less than the first letter.
-    num_letters = max(letters - 1, 1)
-    return text[:num_letters].rstrip() + "…"
-
-
-def spread(
-    wanted: Sequence[float],
-    gap: float,
-    low: float,
-    high: float,
-) -> list[float]:
-    """Return the positions closest to the wanted ones that keep a distance from each other.
-
-    The positions have the order of the wanted ones and the least sum of squared moves, by pooling
-    adjacent violators.
-
-    Args:
-        wanted: N positions, in any order; ties keep their order.
-        gap: least distance between two positions; it shrinks if the bounds are too narrow for N.
-        low: least position.
-        high: greatest position.
-
-    Returns:
-        N positions, each for the wanted position of the same index.
-
-    Source: Barlow et al. 1972, "Statistical inference under order restrictions", for the pooling.
-    """
-    if not wanted:
-        return []
-    from scipy.optimize import isotonic_regression
-
-    num_gaps = len(wanted) - 1
-    gap = min(gap, (high - low) / max(num_gaps, 1))
-    order = np.argsort(wanted, kind="stable")
-    # Without the gaps of the lower ranks, positions only must not decrease: isotonic regression.
-    gaps = gap * np.arange(len(wanted))
-    pooled = isotonic_regression(np.asarray(wanted)[order] - gaps).x
-    places = np.empty(len(wanted))
-    # Bounds without the gaps; the lower one stays as it is.
-    places[order] = np.clip(pooled, low, high - num_gaps * gap) + gaps
-    positions: list[float] = places.tolist()
-    return positions
-
-
 WIDTH = 460
 HEIGHT = 250
 """Size of a chart in points, which are pixels in SVG; pages scale it."""
@@ -169,8 +120,6 @@ _STYLE: dict[str, Any] = {
     "grid.color": LIGHT["line"],
     "legend.frameon": False,
     "lines.linewidth": 2,
-    # Dashes have lengths in points, whatever the width of the line.
-    "lines.scale_dashes": False,
     # Texts stay texts, which readers can search and copy.
     "svg.fonttype": "none",
     "text.color": LIGHT["ink"],
@@ -244,14 +193,10 @@ def figure_of(panels: Sequence[tuple[str, Chart]], title: str = "") -> "Figure":
 
         num_columns = min(len(panels), 2)
         num_rows = math.ceil(len(panels) / num_columns)
-        panel_heights = [chart.height for _, chart in panels]
-        heights = [
-            max(panel_heights[first : first + num_columns])
-            for first in range(0, len(panels), num_columns)
-        ]
-        size = (num_columns * WIDTH / _POINTS, sum(heights) / _POINTS)
+        height = max(chart.height for _, chart in panels)
+        size = (num_columns * WIDTH / _POINTS, num_rows * height / _POINTS)
         figure = Figure(figsize=size, dpi=_POINTS, layout="constrained")
-        grid = figure.subfigures(num_rows, num_columns, squeeze=False, height_ratios=heights)
+        grid = figure.subfigures(num_rows, num_columns, squeeze=False)
         for subfigure, (caption, chart) in zip(grid.flat, panels, strict=False):
             if caption:
                 subfigure.suptitle(for_terminal(caption), x=0.02, ha="left", fontsize="medium")
@@ -349,10 +294,8 @@ Estimate = tuple[float, float | None, float | None]
 """A value with the lower and the upper bound of its interval; None for both without an interval."""
 ReliabilityPoint = tuple[float, float, float, float, int]
 """Probability, observed share, lower and upper bound of the share, and number of triples."""
-_Dashes = tuple[float, tuple[float, ...]]
-_DASHES: tuple[_Dashes, ...] = ((0, ()), (0, (7, 3)), (0, (2, 2)), (0, (8, 3, 2, 3)))
-"""Patterns of lines by series, in points, each after its offset."""
-_DASHED: _Dashes = (0, (5, 3))
+_DASHES = ("-", "--", ":")
+"""Patterns of lines by series; with eight colours, 24 series look different."""
 _MARKERS = "os^D"
 """Shapes of markers by series."""
 _MARKER_SIZE = 7
@@ -361,21 +304,12 @@ _WHISKER = 1.5
 """Width of an interval's line."""
 _MARGINS = 60
 """Height of the titles and tick labels of a chart, in points."""
-_LINE_HEIGHT = 14
-"""Least distance between the names of two curves, in points."""
+_LINE = 19
+"""Height of a line of a legend, in points."""
 _ROW = 26
 """Height of a row of :func:`intervals`, in points."""
-_LETTER = 6.6
-_SMALL_LETTER = 5.7
-"""Mean widths of letters, of usual and of small size, in points."""
 _LONGEST_NAME = 32
 """Most letters of a name."""
-_FEWEST_LETTERS = 6
-"""Letters on a line of a category's label that is never shorter."""
-_MOST_LINES = 3
-"""Most lines of a category's label below an axis."""
-_MOST_BOUNDS = 100
-"""Most points at an edge of a band: more look the same, and make the page large."""
 
 
 @dataclass(frozen=True)
@@ -383,7 +317,7 @@ class ChartCurve:
     """A curve of a chart.
 
     Attributes:
-        label: name at its end; empty for one of several curves of which another has the label.
+        label: name in the legend; empty for one of several curves of which another has the label.
         points: its points, from left to right.
         number: number of its colour, so that the same thing has the same colour in several charts.
         is_dashed: whether its line is dashed; None gives each colour a pattern of its own.
@@ -395,13 +329,11 @@ class ChartCurve:
     is_dashed: bool | None = None
 
     @property
-    def dashes(self) -> _Dashes:
+    def dashes(self) -> str:
         """The pattern of the line."""
         if self.is_dashed is None:
-            # The shift by a pattern with each round of the colours tells apart two of a colour.
-            rounds = self.number // COLOURS
-            return _DASHES[(self.number + rounds) % len(_DASHES)]
-        return _DASHED if self.is_dashed else _DASHES[0]
+            return _DASHES[self.number % len(_DASHES)]
+        return "--" if self.is_dashed else "-"
 
 
 def curves(
@@ -413,7 +345,7 @@ def curves(
     percent: bool = False,
     width: float = 2,
 ) -> Chart:
-    """Draw curves with uncertainty bands and names at their ends; the x-axis includes 0.
+    """Draw curves with uncertainty bands; the x-axis begins at 0.
 
     A curve of a single point is a dot with a whisker.
 
@@ -427,74 +359,35 @@ def curves(
     """
 
     def draw(axes: "Axes") -> None:
-        ends = []
+        from matplotlib.ticker import EngFormatter
+
+        lines = []
+        names = []
         for curve in drawn:
-            if not curve.points:
-                continue
-            x, y, low, high = curve.points[-1]
+            # NaN for None, which interrupts the band.
+            xs, ys, lows, highs = np.array(curve.points, dtype=float).reshape(-1, 4).T
+            colour = _colour(curve.number)
+            axes.fill_between(xs, lows, highs, facecolor=colour, alpha=0.16, edgecolor="none")
+            (line,) = axes.plot(xs, ys, color=colour, linestyle=curve.dashes, linewidth=width)
             if len(curve.points) == 1:
+                x, y, low, high = curve.points[0]
                 _draw_estimate(axes, (x, None, None), (y, low, high), curve.number, "o")
-            else:
-                _draw_band(axes, curve.points, curve.number)
-                axes.plot(
-                    [point[0] for point in curve.points],
-                    [point[1] for point in curve.points],
-                    color=_colour(curve.number),
-                    linestyle=curve.dashes,
-                    linewidth=width,
-                )
             if curve.label:
-                ends.append((x, y, curve.label, _colour(curve.number)))
+                lines.append(line)
+                names.append(_clean(curve.label))
         if percent:
-            _share_axis(axes)
-        points = chain.from_iterable(curve.points for curve in drawn)
-        _step_axis(axes, [point[0] for point in points])
-        _name_ends(axes, ends)
+            axes.set_ylim(0, 1)
+            axes.yaxis.set_major_formatter(_percent())
+        axes.set_xlim(left=0)
+        axes.locator_params("x", nbins=5, integer=True)
+        # Thousands (k) and millions (M) of steps.
+        axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+        axes.legend(lines, names, loc="upper left", bbox_to_anchor=(1, 1))
         _write_titles(axes, x_title, y_title)
 
-    return Chart(description, draw)
-
-
-def dots(
-    labels: Sequence[str],
-    series: Mapping[str, Sequence[Estimate | None]],
-    x_title: str,
-    y_title: str,
-    description: str,
-) -> Chart:
-    """Draw shares with whiskers by category, those of several series side by side.
-
-    Args:
-        labels: names of the categories.
-        series: a share for each category, or None, by the series' name. A series without shares is
-            not drawn, but keeps its colour and place.
-        x_title: title of the x-axis.
-        y_title: title of the y-axis.
-        description: text alternative for people who do not see the chart.
-    """
-    # All series of a category lie within 80 % of its width, around its middle.
-    gap = min(0.15, 0.8 / max(len(series), 1))
-    centre = (len(series) - 1) / 2
-    num_places = max(len(labels), 1)
-
-    def draw(axes: "Axes") -> None:
-        markers = {}
-        for number, (name, shares) in enumerate(series.items()):
-            offset = (number - centre) * gap
-            for place, share in enumerate(shares):
-                if share is not None:
-                    x = place + offset
-                    markers[name] = _draw_estimate(axes, (x, None, None), share, number)
-        # Half of the chart's width may be names of series.
-        letters = int(WIDTH / 2 / num_places / _LETTER)
-        axes.set_xticks(range(len(labels)), [_in_lines(label, letters) for label in labels])
-        axes.set_xlim(-0.5, num_places - 0.5)
-        _share_axis(axes)
-        names = [_clean(name) for name in markers]
-        axes.legend(markers.values(), names, loc="upper left", bbox_to_anchor=(1, 1))
-        _write_titles(axes, x_title, y_title)
-
-    return Chart(description, draw)
+    # A legend of many names needs more room than the axes.
+    num_names = sum(bool(curve.label) for curve in drawn)
+    return Chart(description, draw, max(HEIGHT, _LINE * num_names + _MARGINS))
 
 
 def intervals(
@@ -554,26 +447,19 @@ def log_reliability(
     # triples means nothing.
     decade = min(math.floor(math.log10(max(smallest, 1e-6))), -1)
     lowest = 10.0**decade
-    ticks = [10.0**power for power in range(decade, 1)]
-    tick_labels = [f"{tick:.10g}" for tick in ticks]
 
     def draw(axes: "Axes") -> None:
         axes.set(xscale="log", yscale="log", xlim=(lowest, 1), ylim=(lowest, 1))
-        axes.set_xticks(ticks, tick_labels, minor=False)
-        axes.set_yticks(ticks, tick_labels, minor=False)
+        axes.xaxis.set_major_formatter("{x:.10g}")
+        axes.yaxis.set_major_formatter("{x:.10g}")
         axes.minorticks_off()
         axes.plot([lowest, 1], [lowest, 1], color=LIGHT["soft"], linestyle="--", linewidth=1)
         markers = {}
         for number, (name, points) in enumerate(series.items()):
-            marks = []
-            for point in points:
-                x, share, low, high = (max(value, lowest) for value in point[:4])
-                marks.append((x, share))
-                marker = _draw_estimate(axes, (x, None, None), (share, low, high), number)
-                markers[name] = marker
-            xs = [x for x, _ in marks]
-            shares = [share for _, share in marks]
-            axes.plot(xs, shares, color=_colour(number))
+            marks = np.maximum([point[:4] for point in points], lowest)
+            for x, *estimate in marks.tolist():
+                markers[name] = _draw_estimate(axes, (x, None, None), tuple(estimate), number)
+            axes.plot(marks[:, 0], marks[:, 1], color=_colour(number))
         names = [_clean(name) for name in markers]
         axes.legend(markers.values(), names, loc="upper left")
         _write_titles(axes, "probability", "share of true triples")
@@ -581,17 +467,12 @@ def log_reliability(
     return Chart(description, draw)
 
 
-def _in_lines(label: str, letters: int) -> str:
-    """Return a label on at most ``_MOST_LINES`` lines of at most so many letters."""
-    # Of many categories each has less room than a word; their labels may touch.
-    width = max(letters, _FEWEST_LETTERS)
-    lines = textwrap.wrap(for_terminal(label), width, max_lines=_MOST_LINES, placeholder=" …")
-    return "\n".join(lines)
-
-
-def _clean(name: str, letters: int = _LONGEST_NAME) -> str:
+def _clean(name: str) -> str:
     """Return a name that fits a chart, in which nothing is hidden."""
-    return shortened(for_terminal(name), letters)
+    text = for_terminal(name)
+    if len(text) <= _LONGEST_NAME:
+        return text
+    return text[: _LONGEST_NAME - 1].rstrip() + "…"
 
 
 def _write_titles(axes: "Axes", x_title: str, y_title: str = "") -> None:
@@ -603,18 +484,6 @@ def _write_titles(axes: "Axes", x_title: str, y_title: str = "") -> None:
 def _colour(number: int) -> str:
     """Return a data series' colour; colours repeat after the last."""
     return LIGHT_SERIES[number % COLOURS]
-
-
-def _draw_band(axes: "Axes", points: Sequence[CurvePoint], number: int) -> None:
-    """Fill the area between the bounds of a curve; a point without bounds interrupts it."""
-    every = math.ceil(len(points) / _MOST_BOUNDS)
-    # Counted from the end, because the last point matters most.
-    edge = points[::-1][::every]
-    if all(low is None for _, _, low, _ in edge):
-        return
-    xs, _, lows, highs = zip(*edge, strict=True)
-    bounds = np.array([lows, highs], dtype=float)  # NaN for None
-    axes.fill_between(xs, *bounds, facecolor=_colour(number), alpha=0.16, edgecolor="none")
 
 
 def _draw_estimate(
@@ -656,48 +525,3 @@ def _percent() -> "PercentFormatter":
     from matplotlib.ticker import PercentFormatter
 
     return PercentFormatter(1)
-
-
-def _share_axis(axes: "Axes") -> None:
-    """Show y as percentages, from 0 to 100."""
-    axes.set_ylim(0, 1)
-    axes.yaxis.set_major_formatter(_percent())
-
-
-def _step_axis(axes: "Axes", steps: Sequence[float]) -> None:
-    """Show x from 0, in thousands (k) and millions (M) where it is large."""
-    from matplotlib.ticker import EngFormatter, MaxNLocator
-
-    first = min(chain([0], steps))
-    last = max(chain([first], steps))
-    # A single point at 0: any range will do.
-    axes.set_xlim(first, last if last > first else first + 1)
-    axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10], integer=True))
-    axes.xaxis.set_major_formatter(EngFormatter(sep=""))
-
-
-def _name_ends(axes: "Axes", ends: Sequence[tuple[float, float, str, str]]) -> None:
-    """Write the names of curves (x, y, name, colour) at their right ends, a line apart.
-
-    A thin line of the curve's colour leads to its name.
-    """
-    low, high = axes.get_ylim()
-    gap = _LINE_HEIGHT * (high - low) / (HEIGHT - _MARGINS)
-    heights = spread([y for _, y, _, _ in ends], gap, low, high)
-    for (x, y, name, colour), height in zip(ends, heights, strict=True):
-        axes.annotate(
-            _clean(name),
-            (x, y),
-            (1.05, height),
-            textcoords=axes.get_yaxis_transform(),
-            va="center",
-            annotation_clip=False,
-            arrowprops={
-                "arrowstyle": "-",
-                "color": colour,
-                "linewidth": 1,
-                "relpos": (0, 0.5),
-                "shrinkA": 2,
-                "shrinkB": 0,
-            },
-        )

@@ -29,6 +29,9 @@ def make_link_report(view: LinkView, ranks: "pd.DataFrame | None" = None) -> Rep
     Returns:
         The report, for :func:`~wordcraft_kg.reports.pages.write_report`.
     """
+    files = {}
+    if ranks is not None:
+        files["ranks.csv"] = ranks.to_csv(index=False, lineterminator="\n", float_format="%.6g")
     return Report(
         view,
         "link_report.html.j2",
@@ -42,7 +45,7 @@ def make_link_report(view: LinkView, ranks: "pd.DataFrame | None" = None) -> Rep
             "few": FEW_TEST_RECIPES,
             "few_test_recipes": has_few_test_recipes(view),
         },
-        tables={} if ranks is None else {"ranks.csv": ranks},
+        files=files,
     )
 
 

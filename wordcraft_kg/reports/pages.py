@@ -4,7 +4,7 @@ import base64
 import hashlib
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import cache
@@ -26,13 +26,12 @@ from wordcraft_kg.base import (
     write_atomically,
 )
 from wordcraft_kg.models.policies.sources import ALPHA, BUILT_IN, Label, label_of, with_letters
-from wordcraft_kg.reports.charts import COLOURS, DARK, LIGHT, Chart
+from wordcraft_kg.reports.charts import COLOURS, DARK, LIGHT
 from wordcraft_kg.runs.record import RUN_FILE
 from wordcraft_kg.runs.run_folder import locked
 
 if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.figure import Figure
+    pass
 
 Topic = Literal["Graphs", "Links", "Play", "Agents"]
 
@@ -187,43 +186,22 @@ class Report(Generic[V]):
     Attributes:
         view: the report's numbers, for ``report.json``.
         template: file name of the page's template.
-        pictures: charts by the template's names, some in mappings.
+        pictures: charts by the template's names, some in mappings; ``pictures["success"].figure()``
+            is one of Matplotlib, to change it or to save it for a paper.
         shown: further values by the template's names.
-        tables: further tables by file name.
-        files: further files by name, such as pictures.
+        files: further files by name, such as pictures and tables.
     """
 
     view: V
     template: str
     pictures: Mapping[str, Any]
     shown: Mapping[str, Any] = field(default_factory=dict)
-    tables: "Mapping[str, pd.DataFrame]" = field(default_factory=dict)
     files: Mapping[str, str | bytes] = field(default_factory=dict)
-
-    @property
-    def figures(self) -> "dict[str, Figure]":
-        """The charts as figures of Matplotlib, to change them or to save them for a paper.
-
-        A chart in a mapping has the names on the way to it, such as ``slices/layer``.
-
-        Example:
-            ``report.figures["success"].savefig("success.pdf")``
-        """
-        return {name: chart.figure() for name, chart in _charts_in(self.pictures)}
-
-
-def _charts_in(pictures: Any, name: str = "") -> Iterator[tuple[str, Chart]]:
-    """Yield the charts in nested mappings, each with the names on the way to it."""
-    if isinstance(pictures, Chart):
-        yield name, pictures
-        return
-    for key, picture in pictures.items():
-        yield from _charts_in(picture, f"{name}/{key}".lstrip("/"))
 
 
 def render(report: Report[Any]) -> str:
     """Return a report's page as self-contained HTML."""
-    data = ("report.json", *report.tables, *report.files)
+    data = ("report.json", *report.files)
     return render_page(
         report.template, data=data, report=report.view, pictures=report.pictures, **report.shown
     )
@@ -231,7 +209,7 @@ def render(report: Report[Any]) -> str:
 
 @stage("writing the report")
 def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None:
-    """Write a report's page, numbers, tables and further files into a folder.
+    """Write a report's page, numbers and further files into a folder.
 
     Args:
         report: the report.
@@ -254,8 +232,5 @@ def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None
             # Checked first: a number out of bounds stops the report before the page shows it.
             write_atomically(folder / "report.json", dump_json(checked_values(report.view)))
             write_atomically(folder / "index.html", render(report))
-            for name, table in report.tables.items():
-                text = table.to_csv(index=False, lineterminator="\n", float_format="%.6g")
-                write_atomically(folder / name, text)
             for name, content in report.files.items():
                 write_atomically(folder / name, content)

@@ -9,7 +9,7 @@ Read ``study`` first: it says what a study is. Then follow a study through the r
 | ``engine``, ``perform`` | missing tasks by joblib or Ray, inputs first; a worker's part |
 | ``results`` | the results folder, and the record with all results |
 | ``view``, ``claims`` | means, intervals, comparisons and verdicts |
-| ``report`` | the same as tables, CSV, pictures and page |
+| ``report`` | the same as tables, pictures and page |
 
 A task's folder name (its address) is a hash over non-default settings and input addresses, so
 studies share finished tasks. ``figures.json``, with a task's results, is written last and marks the

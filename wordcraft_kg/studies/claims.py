@@ -41,7 +41,7 @@ from wordcraft_kg.base.statistics import (
 )
 from wordcraft_kg.graphs import Ids
 from wordcraft_kg.studies.results import PlayedRates, RunResult, StudyResults, steps_to
-from wordcraft_kg.studies.study import Claim, Expected, Measure, Values, points_at
+from wordcraft_kg.studies.study import Claim, Expected, Measure, Values, points_at, title_of
 
 Verdict = Literal["reproduced", "differs", "not reproduced", "undecided", "not run"]
 _SAME = 0.02
@@ -184,7 +184,7 @@ def _verdict(
     note = claim.note if verdict in ("differs", "not reproduced") else ""
     right = claim.right if claim.than is None else f"{claim.than:g}"
     if claim.right_at:
-        right += f" with {_point(claim.right_at)}"
+        right += f" with {title_of(claim.right_at)}"
     return ClaimVerdict(
         text=claim.text,
         source=claim.source,
@@ -198,10 +198,6 @@ def _verdict(
         note=note,
         measured=measured,
     )
-
-
-def _point(values: Values) -> str:
-    return ", ".join(f"{name} {value}" for name, value in values.items())
 
 
 class _Sides(NamedTuple):
@@ -284,7 +280,7 @@ def _check_runs(
 ) -> None:
     names = f"'{claim.left}' and '{claim.right}'"
     if not runs:
-        raise ConfigError(f"no common seed for {names}, {_point(point)}")
+        raise ConfigError(f"no common seed for {names}, {title_of(point)}")
     every_run = [*runs, *partners]
     if claim.measure in ("early", "steps") and not all(run.curve for run in every_run):
         raise ConfigError(f"no learning curves for {names}")
@@ -292,7 +288,7 @@ def _check_runs(
     are_pairs = tasks == [results.tasks_of(partner) for partner in partners]
     is_one_set = results.study.vary_split or len(set(tasks)) == 1
     if claim.measure == "success" and not (are_pairs and is_one_set):
-        raise ConfigError(f"{names} were tested on different tasks, {_point(point)}")
+        raise ConfigError(f"{names} were tested on different tasks, {title_of(point)}")
 
 
 def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunResult]:
@@ -302,7 +298,7 @@ def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunRe
     if not runs:
         gaps = [gap for gap in results.missing if gap.variant == variant and gap.values == point]
         reason = gaps[0].why if gaps else "not in the study"
-        raise ConfigError(f"no runs for '{variant}', {_point(point)}: {reason}")
+        raise ConfigError(f"no runs for '{variant}', {title_of(point)}: {reason}")
     return runs
 
 
@@ -426,7 +422,7 @@ def _varies(
     measured: Sequence[Measured],
     intervals: Sequence[tuple[float, float]],
 ) -> tuple[Verdict, str]:
-    points = [_point(at.values) for at in measured]
+    points = [title_of(at.values) for at in measured]
     above = [point for point, (low, _) in zip(points, intervals, strict=True) if low > 0]
     below = [point for point, (_, high) in zip(points, intervals, strict=True) if high < 0]
     if above and below:

@@ -11,12 +11,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any, Literal
 
 from wordcraft_kg.base.errors import (
-    ArtefactError,
     ConfigError,
     TrainingError,
     WordCraftKGError,
@@ -26,7 +24,7 @@ from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.base.registry import Plugin, load_again, loaded_plugins
 from wordcraft_kg.base.settings import CORES_VARIABLE, cores
 from wordcraft_kg.runs.run_folder import first_interrupt, sigterm_as_interrupt
-from wordcraft_kg.studies.perform import check_whole, is_done, make_graph, perform
+from wordcraft_kg.studies.perform import is_done, make_graph, perform
 from wordcraft_kg.studies.plan import Kind, Outcome, Plan, Task, make_plan
 from wordcraft_kg.studies.results import (
     METRICS_FILE,
@@ -177,10 +175,13 @@ def run_plan(
         state = StudyProgress(len(plan.tasks))
         missing = missing_tasks(plan, root)
         state.kept = len(plan.tasks) - len(missing)
+        # One that an interrupted study has left.
+        stop_file(root).unlink(missing_ok=True)
         for task in missing:
-            if (task.folder(root) / METRICS_FILE).exists():  # damaged
+            # Damaged results: the task begins anew.
+            if (task.folder(root) / METRICS_FILE).exists():
                 shutil.rmtree(task.folder(root))
-        with _connected(pool, plan) as cluster, _stop_file(root):
+        with _connected(pool, plan) as cluster:
             for kind in _WAVES:
                 wave = [task for task in missing if task.kind == kind]
                 ready = _ready(wave, plan, state)
@@ -202,43 +203,14 @@ def _connected(pool: Pool, plan: Plan) -> Iterator[Pool]:
         yield replace(pool, jobs=places if pool.jobs is None else min(jobs, places))
 
 
-@contextmanager
-def _stop_file(root: Path) -> Iterator[None]:
-    """Remove the file that stops the workers, also one that a killed study left."""
-    stop_file(root).unlink(missing_ok=True)
-    try:
-        yield
-    finally:
-        stop_file(root).unlink(missing_ok=True)
-
-
 def missing_tasks(plan: Plan, root: Path) -> list[Task]:
-    """Return the tasks to perform: those without results, and their inputs that lack files.
+    """Return the tasks without results, in the order of the plan: first seeds come first.
 
     Args:
         plan: the study.
         root: results folder, which may be missing.
     """
-    missing = {task.address for task in plan.tasks.values() if not _passes(is_done, task, root)}
-    # Scorers first: a damaged scorer is trained again, and so needs a whole graph.
-    for kind in ("scorers", "graphs"):
-        needs = chain.from_iterable(plan.tasks[address].needs for address in missing)
-        inputs = [plan.tasks[address] for address in set(needs) - missing]
-        missing |= {
-            task.address
-            for task in inputs
-            if task.kind == kind and not _passes(check_whole, task, root)
-        }
-    # In the order of the plan, which has the first seeds of all variants first.
-    return [task for task in plan.tasks.values() if task.address in missing]
-
-
-def _passes(check: Callable[[Task, Path], bool], task: Task, root: Path) -> bool:
-    try:
-        return check(task, root)
-    except ArtefactError as error:
-        logging.getLogger(__name__).warning("%s The task is repeated now.", error)
-        return False
+    return [task for task in plan.tasks.values() if not is_done(task, root)]
 
 
 def _ready(wave: Sequence[Task], plan: Plan, state: StudyProgress) -> list[Task]:

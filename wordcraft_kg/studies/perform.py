@@ -4,15 +4,14 @@ import logging
 import platform
 import shutil
 import time
-from contextlib import suppress
 from errno import EDQUOT, ENOSPC
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
 
-from wordcraft_kg.base.errors import ArtefactError, OutputExistsError, WordCraftKGError, reason
+from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError, reason
 from wordcraft_kg.graphs import (
     OpenedGraph,
     PlayedGraph,
@@ -24,10 +23,8 @@ from wordcraft_kg.graphs import (
     open_graph,
     write_graph_folder,
 )
-from wordcraft_kg.runs.config_file import RunConfig
-from wordcraft_kg.runs.record import RunFiles, package_versions, read_run
-from wordcraft_kg.runs.run_folder import locked
-from wordcraft_kg.runs.training import Training, train
+from wordcraft_kg.runs.record import RunFiles, package_versions
+from wordcraft_kg.runs.training import train
 from wordcraft_kg.studies.plan import Kind, Outcome, Task, agent_config, content_of, scorer_config
 from wordcraft_kg.studies.results import (
     METRICS_FILE,
@@ -42,7 +39,6 @@ from wordcraft_kg.studies.study import PLAYER
 if TYPE_CHECKING:
     from wordcraft_kg.agents.players import Player
 
-T = TypeVar("T")
 METRICS: dict[Kind, type[TaskMetrics | RunMetrics]] = {
     "graphs": TaskMetrics,
     "scorers": ScorerMetrics,
@@ -53,35 +49,14 @@ _LARGE = ("constants.safetensors", "policy.safetensors", "episodes.jsonl")
 
 
 def is_done(task: Task, root: Path) -> bool:
-    """Return whether a task has results in the results folder ``root``.
-
-    Raises:
-        ArtefactError: if the results are damaged.
-    """
+    """Return whether a task has intact results in the results folder ``root``."""
     if not (task.folder(root) / METRICS_FILE).exists():
         return False
-    read_metrics(task.folder(root), METRICS[task.kind])
-    return True
-
-
-def check_whole(task: Task, root: Path) -> bool:
-    """Return whether all files of a finished task's graph or model are intact.
-
-    Args:
-        task: a done task of the kind "graphs" or "scorers".
-        root: results folder.
-
-    Raises:
-        ArtefactError: if the graph, the model or its results are damaged.
-    """
-    folder = task.folder(root)
-    if task.kind == "graphs":
-        open_graph(str(folder))
-        return True
-    read_metrics(folder, ScorerMetrics)
-    files = RunFiles(folder, read_run(folder))
-    for name in files.run.outputs:
-        files.bytes(name)
+    try:
+        read_metrics(task.folder(root), METRICS[task.kind])
+    except ArtefactError as error:
+        logging.getLogger(__name__).warning("%s The task is repeated now.", error)
+        return False
     return True
 
 
@@ -171,33 +146,6 @@ def _is_disk_full(error: BaseException | None) -> bool:
     return False
 
 
-def _trained(trainer: type[Training[Any, Any, T]], config: RunConfig, folder: Path) -> T:
-    """Train, resume, or return the finished training.
-
-    A training whose files or inputs have changed starts anew.
-    """
-    with suppress(ArtefactError):
-        begun_with = read_run(folder).inputs
-        inputs = trainer.input_hashes(config)
-        if any(begun_with.get(name) != value for name, value in inputs.items()):
-            # A damaged scorer was trained again on another machine.
-            _clear(folder)
-    try:
-        return train(trainer, config, folder, keep=True)
-    except (ArtefactError, OutputExistsError) as error:
-        # An input may be damaged instead, or the disk full: training anew would not help.
-        if not folder.exists() or _is_disk_full(error):
-            raise
-        _clear(folder)
-        return train(trainer, config, folder)
-
-
-def _clear(folder: Path) -> None:
-    """Remove a folder, unless another process trains there, such as a lost cluster node."""
-    with locked(folder):
-        shutil.rmtree(folder, ignore_errors=True)
-
-
 def _run(task: Task, root: Path, keep_all: bool) -> bool:
     from wordcraft_kg.agents.agent_training import AgentTraining
 
@@ -208,7 +156,7 @@ def _run(task: Task, root: Path, keep_all: bool) -> bool:
     graph = inputs[0]
     scorer = inputs[1] if len(inputs) > 1 else None
     config = agent_config(task.settings["settings"], graph, scorer)
-    if _trained(AgentTraining, config, folder).interrupted:
+    if train(AgentTraining, config, folder, keep=True).interrupted:
         return False
     figures = _run_metrics(folder, open_graph(graph))
     # Results are written before files go: a kill in between leaves a task that is done.
@@ -305,10 +253,11 @@ def _scorer(task: Task, root: Path) -> bool:
     settings = task.settings["settings"]
     began = time.perf_counter()
     if command in RecipesConfig.commands:
-        _trained(RecipesTraining, RecipesConfig(graph, scorer_config(command, settings)), folder)
+        recipes_config = RecipesConfig(graph, scorer_config(command, settings))
+        train(RecipesTraining, recipes_config, folder, keep=True)
     elif command in LinksConfig.commands:
         config = LinksConfig(graph, scorer_config(command, settings))
-        if _trained(LinksTraining, config, folder).interrupted:
+        if train(LinksTraining, config, folder, keep=True).interrupted:
             return False
     else:
         # Made in a moment, so a cut attempt is not resumed.

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 from wordcraft_kg.agents.agent_config import (
-    KNOWLEDGE_SETTINGS,
     PAPER,
     AgentConfig,
     ImpalaConfig,
@@ -30,7 +29,7 @@ from wordcraft_kg.base import (
     sha256_of,
     whole,
 )
-from wordcraft_kg.base.settings import LEARNED, NAMES, SHUFFLED, VECTORS
+from wordcraft_kg.base.settings import LEARNED, NAMES, SHUFFLED
 from wordcraft_kg.graphs import (
     SPLITS,
     RecipeGraph,
@@ -54,7 +53,6 @@ from wordcraft_kg.studies.study import (
     Study,
     StudyCell,
     Value,
-    Values,
     cells_of,
     split_of,
 )
@@ -268,7 +266,8 @@ class _Planner:
         self.study = study
         self.tasks: dict[str, Task] = {}
         self.books: dict[str, str] = {}
-        self._made: dict[str, str] = {}
+        # All cells of a study usually share a graph, and making one takes seconds.
+        self._graph = cache(self._make_graph)
         # Books and files of vectors are large, and many cells share them.
         self._book_graph = cache(_book_graph)
         self._content = cache(content_of)
@@ -276,7 +275,8 @@ class _Planner:
     def run(self, cell: StudyCell) -> str:
         try:
             _check_kinds(cell.settings, {**DEFAULTS_OF_GRAPH, **DEFAULTS_OF_AGENT})
-            graph = self._graph(cell.settings)
+            given = {name: cell.settings[name] for name in OF_GRAPH if name in cell.settings}
+            graph = self._graph(**given)
             return self._agent(cell, graph, self._scorer(cell, graph))
         except (ConfigError, SplitError) as error:
             raise ConfigError(f"variant '{cell.variant}'{_values(cell.values)}: {error}") from None
@@ -288,20 +288,13 @@ class _Planner:
         self.tasks.setdefault(task.address, task)
         return task.address
 
-    def _graph(self, settings: Values) -> str:
-        graph_settings = {name: settings[name] for name in OF_GRAPH if name in settings}
-        # All cells of a study usually share a graph, and making one takes seconds.
-        key = repr(graph_settings)
-        if key not in self._made:
-            self._made[key] = self._make_graph(str(settings.get("book", BOOK)), graph_settings)
-        return self._made[key]
-
-    def _make_graph(self, book: str, given: Values) -> str:
-        """Return the address of a new graph; ``given`` has the study's graph settings."""
+    def _make_graph(self, *, book: str = BOOK, **split_settings: Value) -> str:
+        """Return the address of a new graph, by the study's graph settings."""
         graph = self._book_graph(book)
         # An impossible split fails here; a book too small for the default split has none.
-        has_split = bool(given.keys() - {"book"})
-        split = make_split(graph, split_of(given)) if has_split else default_split(graph)
+        split = (
+            make_split(graph, split_of(split_settings)) if split_settings else default_split(graph)
+        )
         if split.config.kind == "none":
             raise ConfigError(
                 f"the split of '{book}' has no test tasks to compare agents on. Use a `split` such "
@@ -318,10 +311,7 @@ class _Planner:
         return address
 
     def _scorer(self, cell: StudyCell, graph: str) -> str | None:
-        """Return the address of a cell's scorer.
-
-        The result is None without a scorer, or for a scorer that learns from nothing.
-        """
+        """Return the address of a cell's scorer; None without one."""
         name = cell.settings.get(SCORER)
         if name is None:
             return None
@@ -339,9 +329,6 @@ class _Planner:
                 f"{command} has no setting "
                 f"'{SCORER}.{wrong}'.{nearest(wrong, SCORER_SETTINGS[command])}"
             )
-        # Without a share of the knowledge, the agent is the one without a scorer.
-        if settings.get("share") == 0:
-            return None
         threads = 1
         device = "cpu"
         if command not in TRAINED_SCORERS:
@@ -373,13 +360,8 @@ class _Planner:
         """Return the address of a cell's run."""
         if PLAYER in cell.settings:
             return self._player(cell, graph, scorer)
-        # A scorer that learns from nothing leaves its agent without settings for knowledge.
-        is_without_knowledge = scorer is None and SCORER in cell.settings
-        unused = KNOWLEDGE_SETTINGS if is_without_knowledge else ()
         agent_settings: dict[str, Any] = {
-            name: value
-            for name, value in cell.settings.items()
-            if name in OF_AGENT and name not in unused
+            name: value for name, value in cell.settings.items() if name in OF_AGENT
         }
         agent_settings["seed"] = cell.seed
         # Curves of all lengths have as many points, so that their files stay small.
@@ -414,18 +396,12 @@ class _Planner:
         """Return the address of the games of a player without training.
 
         They have no seed: their tables and the player's choices are those of each evaluation.
+
+        Raises:
+            ConfigError: for a player that lacks the scorer or the vectors to play by.
         """
         names = [PLAYER, "features", *(field.name for field in fields(TaskConfig))]
         settings = {name: cell.settings[name] for name in names if name in cell.settings}
-        self._check_player(settings, graph, scorer)
-        described = {"graph": graph, "scorer": scorer, "settings": settings}
-        described |= self._content(settings.get("features"))
-        title = f"{cell.variant}{_values(cell.values)}, {self.tasks[graph].title}"
-        needs = (graph,) if scorer is None else (graph, scorer)
-        return self._add("runs", described, title, needs)
-
-    def _check_player(self, settings: Values, graph: str, scorer: str | None) -> None:
-        """Raise a ConfigError for a player that lacks the scorer or the vectors to play by."""
         player = settings[PLAYER]
         if player in PLAYERS_WITH_SCORER:
             command = None if scorer is None else self.tasks[scorer].settings["command"]
@@ -439,6 +415,11 @@ class _Planner:
             raise ConfigError(
                 f"player '{player}' learns nothing, so its features cannot be '{LEARNED}'."
             )
+        described = {"graph": graph, "scorer": scorer, "settings": settings}
+        described |= self._content(settings.get("features"))
+        title = f"{cell.variant}{_values(cell.values)}, {self.tasks[graph].title}"
+        needs = (graph,) if scorer is None else (graph, scorer)
+        return self._add("runs", described, title, needs)
 
 
 def _book_graph(book: str) -> RecipeGraph:
@@ -466,12 +447,11 @@ def content_of(features: Value | None) -> dict[str, str]:
         return {}
     path = Path(spec.source)
     if not path.exists():
-        names = (*NAMES, *(SHUFFLED + name for name in VECTORS))
         expected = (
             f"a file or folder, or one of {', '.join(NAMES)}; all but the last perhaps after "
             f"'{SHUFFLED}'"
         )
-        raise refuse("features", features, expected, nearest(str(features), names))
+        raise refuse("features", features, expected, nearest(spec.source, NAMES))
     path = path / ENCODED if path.is_dir() else path
     files = [path]
     # An array has its labels in a file beside it, under either name.

@@ -1,12 +1,10 @@
 """A study report: tables, page and pictures from a study's summarised results."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import chain, groupby
 from operator import attrgetter
 from pathlib import Path
-
-import pandas as pd
 
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.reports import charts
@@ -173,71 +171,6 @@ def notes(view: StudyView) -> list[str]:
     return sentences
 
 
-def as_csv(view: StudyView) -> str:
-    """Return all results but durations as CSV, a row per variant and grid point.
-
-    Equal results give equal bytes.
-    """
-    grid: dict[str, None] = {}
-    for point in view.points:
-        grid |= dict.fromkeys(point.values)
-    rows: list[dict[str, object]] = []
-    for point in view.points:
-        rows += [_values(point, entry, list(grid)) for entry in point.variants]
-    cells = [{name: _cell(value) for name, value in row.items()} for row in rows]
-    # The same line ends on each system, for equal bytes.
-    text: str = pd.DataFrame(cells, dtype=object).to_csv(index=False, lineterminator="\n")
-    return text
-
-
-def _cell(value: object) -> object:
-    if isinstance(value, bool):
-        return str(value).lower()
-    # Six digits are those of the stored shares; more would show the rounding of a platform.
-    return f"{value:.6g}" if isinstance(value, float) else value
-
-
-def _values(point: PointMetrics, at: VariantMetrics, grid: Sequence[str]) -> dict[str, object]:
-    comparison = at.comparison
-
-    def ends(name: str, interval: Sequence[object] | None) -> dict[str, object]:
-        low, high = interval or ("", "")
-        return {f"{name}_low": low, f"{name}_high": high}
-
-    # Without a curve nothing is known; with one, None means that it never got there.
-    never = "never" if at.curve else ""
-
-    def steps(value: int | None) -> object:
-        return never if value is None else value
-
-    reached = None
-    if at.reached_interval is not None:
-        reached = [steps(end) for end in at.reached_interval]
-    return {
-        **{name: point.values.get(name, "") for name in grid},
-        "variant": at.variant,
-        "seeds": len(at.seeds),
-        "tasks": point.tasks,
-        "success": at.mean,
-        **ends("success", at.interval),
-        **ends("success_seeds", at.seed_interval),
-        "by_plan": at.by_plan,
-        "train": at.train,
-        "mrr": at.mrr,
-        **ends("mrr", at.mrr_range),
-        "difference": comparison and comparison.difference,
-        **ends("difference", comparison.interval if comparison else None),
-        "p_value": comparison and comparison.p_value,
-        "p_holm": comparison and comparison.p_corrected,
-        "steps_to_reference": steps(at.reached),
-        **ends("steps_to_reference", reached),
-        "steps": at.steps,
-    }
-
-
-_SUCCESS = "greedy success on test tasks"
-
-
 def write_study_report(view: StudyView, folder: Path, *, force: bool = False) -> list[Path]:
     """Write a study's report.
 
@@ -247,7 +180,7 @@ def write_study_report(view: StudyView, folder: Path, *, force: bool = False) ->
         force: replace an existing report.
 
     Returns:
-        The paths of page, ``report.json``, table and picture.
+        The paths of page, ``report.json`` and pictures.
 
     Raises:
         OutputExistsError: if ``folder`` exists and ``force`` is False.
@@ -262,7 +195,7 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
     """Return a study report, ready to write.
 
     Returns:
-        The page with its charts, and the files ``table.csv``, ``figure.svg`` and ``figure.pdf``.
+        The page with its charts, and the files ``figure.svg`` and ``figure.pdf``.
     """
     # A claim has one verdict for each grid point, all in a row: the page prints its text once.
     claims = [list(verdicts) for _, verdicts in groupby(view.claims, key=attrgetter("text"))]
@@ -281,7 +214,6 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
             "claims": claims,
         },
         files={
-            "table.csv": as_csv(view),
             "figure.svg": charts.as_file(list(panels.items()), view.title),
             "figure.pdf": charts.as_pdf(list(panels.items()), view.title),
         },
@@ -318,7 +250,7 @@ def _curves(view: StudyView, point: PointMetrics) -> Chart:
     return charts.curves(
         drawn,
         "environment steps",
-        _SUCCESS,
+        "greedy success on test tasks",
         f"Success of each variant over training, {point.title}",
         percent=True,
     )

@@ -322,7 +322,6 @@ def check_study(study: Study, source: str = "study") -> None:
         )
     _check_scorers(study, source)
     _check_settings(study, source)
-    _check_grid(study, source)
     _check_points(study, source)
     # The grid may name scorers, too, so they are checked cell by cell.
     for cell in cells_of(study):
@@ -391,30 +390,23 @@ def _check_player(name: str, settings: Values) -> None:
         raise ConfigError(f"{name} is {player!r}, which plays by a scorer; give `{SCORER}`, too.")
 
 
-def _check_grid(study: Study, source: str) -> None:
+def _check_points(study: Study, source: str) -> None:
     for name, values in study.grid.items():
         if not values:
             raise ConfigError(f"{source}: grid.{name} is empty; expected a value.")
-        # Equal points would be counted twice in every mean and correction.
-        repeated = [value for value in values if values.count(value) > 1]
-        if repeated:
-            raise ConfigError(f"{source}: grid.{name} has {repeated[0]!r} twice.")
-
-
-def _check_points(study: Study, source: str) -> None:
     for number, point in enumerate(study.points):
         if point.keys() != study.points[0].keys():
             raise ConfigError(
                 f"{source}: points[{number}] has {', '.join(point) or 'nothing'}, points[0] has "
                 f"{', '.join(study.points[0]) or 'nothing'}; expected the same settings in all."
             )
-        if point in study.points[:number]:
-            raise ConfigError(f"{source}: points[{number}] is a duplicate.")
-        for name in point:
-            if name in study.grid:
-                raise ConfigError(
-                    f"{source}: points[{number}].{name} is also in the grid; keep one."
-                )
+        for name in sorted(study.grid.keys() & point.keys()):
+            raise ConfigError(f"{source}: points[{number}].{name} is also in the grid; keep one.")
+    # Equal points would be counted twice in every mean and correction.
+    points = points_of(study)
+    for number, point in enumerate(points):
+        if point in points[:number]:
+            raise ConfigError(f"{source}: the point '{title_of(point)}' is there twice; keep one.")
 
 
 def _check_claim(study: Study, claim: Claim, source: str) -> None:

@@ -11,7 +11,6 @@ from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
-import pandas as pd
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
@@ -23,7 +22,7 @@ from wordcraft_kg.base.statistics import (
     rate_interval,
     student_interval,
 )
-from wordcraft_kg.evaluation.agent_metrics import CurvePoint
+from wordcraft_kg.evaluation.agent_metrics import CurvePoint, mean_curve, shared_steps
 from wordcraft_kg.graphs.graph_folder import PlayedGraph
 from wordcraft_kg.studies.claims import ClaimVerdict, view_claims
 from wordcraft_kg.studies.results import Missing, Origin, RunResult, StudyResults, steps_to
@@ -162,7 +161,7 @@ def metrics_of(
         comparison=_comparison(results, members, base),
         reached=reached,
         reached_interval=reached_interval,
-        curve=_curve(members),
+        curve=tuple(mean_curve(dict(run.curve) for run in members)),
         runs=tuple(run.run for run in members),
         seconds=fmean(run.seconds for run in members),
         steps=members[0].steps,
@@ -190,23 +189,6 @@ def _comparison(
     return VariantComparison(difference, (low, high), len(pairs), p_value, p_corrected=p_value)
 
 
-def _curves(members: Sequence[RunResult]) -> tuple[list[int], NDArray[np.float64]]:
-    """Return the steps that all curves have, and the success at them, shape (runs, steps)."""
-    curves = [pd.Series(dict(run.curve), dtype=float) for run in members]
-    # A mean over fewer runs would jump where one of them ends.
-    table = pd.concat(curves, axis=1, join="inner").sort_index()
-    return table.index.tolist(), table.to_numpy().T
-
-
-def _curve(members: Sequence[RunResult]) -> tuple[CurvePoint, ...]:
-    steps, table = _curves(members)
-    points: list[CurvePoint] = []
-    for step, column in zip(steps, table.T, strict=True):
-        low, high = student_interval(column) or (None, None)
-        points.append(CurvePoint(step, float(column.mean()), low, high))
-    return tuple(points)
-
-
 def _reached(
     members: list[RunResult],
     base: list[RunResult],
@@ -217,17 +199,19 @@ def _reached(
     """
     if not base:
         return None, None
-    steps, table = _curves(members)
-    goal_steps, goal = _curves(base)
-    if not steps or not goal_steps:
+    curves = shared_steps(dict(run.curve) for run in members)
+    goal = shared_steps(dict(run.curve) for run in base)
+    if curves.empty or goal.empty:
         return None, None
+    steps = curves.index.tolist()
+    table = curves.to_numpy().T
 
     # Curves are measured against the goal, so that each is asked when it reaches 0.
     def first(curve: NDArray[np.float64]) -> int | None:
         reached = steps_to(zip(steps, curve, strict=True), -_ROUNDING)
         return round(reached) if math.isfinite(reached) else None
 
-    finals = goal[:, -1]
+    finals = goal.to_numpy()[-1]
     reached = first(table.mean(axis=0) - finals.mean())
     # For the interval each run is measured against the reference's end with its own seed.
     final_of = {run.seed: final for run, final in zip(base, finals, strict=True)}
@@ -304,8 +288,7 @@ def view_study(results: StudyResults) -> StudyView:
     """Summarise a study's results.
 
     Raises:
-        ConfigError: if no run has finished, or runs of a variant at a grid point were evaluated
-            with other graphs or tasks, or share a seed: a mean over them would describe nothing.
+        ConfigError: if no run has finished.
     """
     study = results.study
     reference = study.reference or next(iter(study.variants))
@@ -335,8 +318,7 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
     """Return the grid points with their runs by variant, in the order of the study.
 
     Raises:
-        ConfigError: if no run is finished, or runs of a variant at a point differ in their graphs
-            or tasks.
+        ConfigError: if no run is finished.
     """
     if not results.runs:
         reason = ""
@@ -351,53 +333,7 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
     for run in results.runs:
         _, runs = points.setdefault(tuple(run.values.items()), (run.values, {}))
         runs.setdefault(run.variant, []).append(run)
-    for values, runs in points.values():
-        condition = f" with {title_of(values)}" if values else ""
-        for variant, members in runs.items():
-            _check_alike(results, f"'{variant}'{condition}", members)
     return list(points.values())
-
-
-def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> None:
-    """Check that runs of a variant at a grid point can be averaged.
-
-    Args:
-        results: the study, which knows the graphs.
-        cell: name of variant and point, for the error.
-        members: the runs.
-
-    Raises:
-        ConfigError: if graphs, splits or tasks differ, or a seed occurs twice.
-    """
-    # A mean over seeds is about one set of tasks, unless each has a split by the study's plan.
-    identity = _book_and_tables if results.study.vary_split else StudyResults.tasks_of
-    first = members[0]
-    seeds: set[int] = set()
-    for run in members:
-        if identity(results, run) != identity(results, first):
-            raise ConfigError(
-                f"{cell}: seeds {first.seed} and {run.seed} were played on different graphs, "
-                f"splits or tasks ({_played(results, first)}; {_played(results, run)}), so their "
-                "results cannot be averaged. Add the differing setting to the grid, such as "
-                "`book`, `split` or `split_seed`, or repeat the older run."
-            )
-        # Two runs of one seed are paired with one run of the reference, and would count twice.
-        if run.seed in seeds:
-            raise ConfigError(
-                f"{cell}: seed {run.seed} occurs twice; another setting than the seed differs. Add "
-                "that setting to the variants."
-            )
-        seeds.add(run.seed)
-
-
-def _book_and_tables(results: StudyResults, run: RunResult) -> tuple[str, str, int]:
-    graph = results.graphs[run.graph]
-    return graph.hash, graph.kind, run.distractor_seeds
-
-
-def _played(results: StudyResults, run: RunResult) -> str:
-    graph = results.graphs[run.graph].in_words
-    return f"{graph}, {len(run.won):,} tasks, {run.distractor_seeds} distractor seeds"
 
 
 def _point(results: StudyResults, values: Values, runs: Runs, reference: str) -> PointMetrics:

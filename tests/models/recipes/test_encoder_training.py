@@ -17,7 +17,7 @@ from link_helpers import (
 )
 from short_fits import assert_sources_are_restored, short_fits, words_of
 
-from wordcraft_kg import RecipeGraph, WordCraftConfig, World, load_scorer, open_graph
+from wordcraft_kg import RecipeGraph, WordCraftConfig, World, load_scorer, open_graph, open_model
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig, make_split
 from wordcraft_kg.graphs.train_samples import Folds, make_folds
@@ -204,7 +204,7 @@ def test_agents_score_by_the_encoders_of_their_folds_and_are_restored(trained, b
 
 
 def test_results_of_a_pair_have_probabilities(trained, book):
-    from wordcraft_kg.evaluation.scores import RecipeQuery, RecipeScoring, ScoringModel
+    from wordcraft_kg.evaluation.scores import RecipeQuery, RecipeScoring
 
     scorer = load_scorer(trained)
     calibration = json.loads((trained / "calibration.json").read_text())
@@ -212,7 +212,7 @@ def test_results_of_a_pair_have_probabilities(trained, book):
     shares = scorer.result_probabilities(0, [1, 2])
     assert shares.shape == (2, 12)
     torch.testing.assert_close(shares.sum(1), torch.full((2,), calibration["covered"]))
-    scoring = RecipeScoring(ScoringModel.open(trained, str(book)))
+    scoring = RecipeScoring(open_model(trained, str(book)))
     query = RecipeQuery((scorer.entities[0], scorer.entities[1], None))
     answers = list(scoring.answers([query], 4, is_explained=True))
     assert len(answers) == 4

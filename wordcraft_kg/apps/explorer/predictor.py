@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.records import Count, Record, Share
-from wordcraft_kg.evaluation.scores import Known, ScoringModel
+from wordcraft_kg.evaluation.scores import KNOWN, Known, link_probabilities
 from wordcraft_kg.graphs import (
     COMBINES_WITH,
     COMPONENT_OF,
@@ -36,8 +36,6 @@ from wordcraft_kg.models.scorers.recipes import RecipeScores
 
 NEW = len(PARTS)
 """Part of a triple that no recipe of the book gives."""
-KNOWN: tuple[Known, ...] = ("train", "valid", "test", "new")
-"""Names of the parts by their numbers."""
 Status = Literal["learned", "held out", "not learned", "not in the book", "itself"]
 """``learned`` links are in the model's training data; other links are ``held out``, ``not learned``
 (outside the train sample), ``not in the book``, or ``itself`` (not in the book, head and tail are
@@ -211,16 +209,15 @@ class LinkPredictor:
     model: Model
 
     @cached_property
-    def scoring(self) -> ScoringModel:
-        """The model as evaluation uses it: scores, probabilities and known triples.
+    def outside(self) -> OutsideEvidenceFinder | None:
+        """Finder for evidence from outside the book; None for a model without such knowledge.
 
         Raises:
             ArtefactError: if the folder of a model with outside knowledge has been damaged since.
         """
-        # A model with knowledge from outside the book can name it as evidence.
-        has_outside = bool(self.model.settings.get("with"))
-        finder = OutsideEvidenceFinder.open(self.folder, self.model.opened) if has_outside else None
-        return ScoringModel(self.model.scorer, self.split, self.model.kg, outside=finder)
+        if not self.model.settings.get("with"):
+            return None
+        return OutsideEvidenceFinder.open(self.folder, self.model.opened)
 
     @cached_property
     def evidence(self) -> LinkEvidence:
@@ -342,7 +339,7 @@ class LinkPredictor:
         triples = slot.triples(entities)
         ranks = slot.ranks(entities)
         parts = [KNOWN[part] for part in slot.part[entities].tolist()]
-        chances = self.scoring.probabilities(triples, parts)
+        chances = link_probabilities(self.model.scorer, triples, parts)
         rows = zip(triples.tolist(), entities.tolist(), ranks, parts, chances, strict=True)
         for (head, relation, tail), entity, rank, part, chance in rows:
             learned = bool(slot.learned[entity])

@@ -7,7 +7,7 @@ The page docs/explanation/recipe-scorer.md explains it under *New entities*.
 """
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -183,7 +183,6 @@ def with_words(
     scorer: Scorer,
     labels: Sequence[str],
     *,
-    where: Callable[[str], str] = lambda label: "",
     allow_missing: bool = False,
 ) -> RecipeScorer:
     """Return a copy of a model's scorer that scores new entities by the words in the labels.
@@ -195,7 +194,6 @@ def with_words(
         folder: the model's folder, written by ``train-recipes``.
         scorer: the folder's scorer.
         labels: the new entities, without duplicates.
-        where: returns an error prefix for a label, such as a line number.
         allow_missing: use zeros for labels without a vector.
 
     Raises:
@@ -212,9 +210,7 @@ def with_words(
     """
 
     def unknown(label: str, reason: str) -> UnknownEntityError:
-        return UnknownEntityError(
-            f"{where(label)}no entity '{label}'.{nearest(label, scorer.entities)} {reason}"
-        )
+        return UnknownEntityError(f"no entity '{label}'.{nearest(label, scorer.entities)} {reason}")
 
     if isinstance(scorer, SetScorer):
         raise unknown(

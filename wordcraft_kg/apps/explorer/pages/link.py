@@ -89,7 +89,7 @@ def _view(explored: Explored, state: LinkState) -> LinkProfile:
     tails = predictor.slot(head, relation, "tail")
     heads = predictor.slot(tail, relation, "head")
     link = predictor.ranked(tails, tail)
-    finder = predictor.scoring.outside
+    finder = predictor.outside
     recipes = recipes_giving(graph, head, relation, tail)[:RECIPES]
     return LinkProfile(
         head=graph.entities[head],
@@ -189,7 +189,7 @@ def _view_pair(explored: Explored, state: PairState) -> PairProfile:
         if predictor.scores_recipes:
             # The truth of all recipes is indexed once for each model.
             key = ("recipe scores", predictor.name)
-            scoring = explored.once(key, lambda: RecipeScoring(predictor.scoring))
+            scoring = explored.once(key, lambda: RecipeScoring(predictor.model, predictor.outside))
             query = RecipeQuery((a, b, None))
             results = tuple(scoring.answers([query], RESULTS, is_explained=True))
     return PairProfile(

@@ -1,8 +1,7 @@
 """Documents, JSON or the rows of a table: recipes by paths of ingredients and of the result.
 
-Documented keys give some ways to read a document (``words``), the shapes ``{result: [[a, b]]}``,
-``{a: {b: result}}`` and ``[[a, b, result]]`` others, and the option `columns` one of the user; the
-rule takes one. A path has keys after points, ``[]`` for each element of a list, ``[0]`` for its
+Documented keys give some ways to read a document (``words``), the shapes ``{result: [[a, b]]}`` and
+``{a: {b: result}}`` others, and the option `columns` one of the user; the rule takes one. A path has keys after points, ``[]`` for each element of a list, ``[0]`` for its
 first one, ``{}`` for each value of an object, and ``{key}`` at its end for the keys of an object. A
 backslash takes a sign in a key as it is. Paths that begin alike go through the same lists together.
 ``layouts`` has formats of their own.
@@ -24,21 +23,21 @@ from msgspec.structs import replace
 
 from wordcraft_kg.base import ConfigError, listed, nearest
 from wordcraft_kg.graphs.book_files.cells import (
-    JOINERS,
     Names,
     cell_fault,
     exact_fault,
     find_joiner,
     is_number,
-    listed_value,
     names_by_id,
     read_labels,
     rows_of_raw,
+    table_fault,
 )
 from wordcraft_kg.graphs.book_files.rows import (
     INFINITE_CRAFT_BASE,
     WITHOUT,
     Entry,
+    Fault,
     FileRows,
     LeftOut,
     Place,
@@ -74,7 +73,7 @@ from wordcraft_kg.graphs.book_files.words import (
     ways_by_words,
     words_of,
 )
-from wordcraft_kg.graphs.recipes import RecipeRows, check_label
+from wordcraft_kg.graphs.recipes import RecipeRows, check_label, label_fault
 
 GRAMMAR = (
     "a path of keys, with [] for each element of a list, [0] for the first, {} for each value of "
@@ -123,13 +122,11 @@ class _Texts(dict[Path, list[Any]]):
 
     Attributes:
         lengths: lengths of the lists at a path.
-        counted: paths of keys with numbers of pieces.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.lengths: dict[Path, set[int]] = {}
-        self.counted: set[Path] = set()
 
 
 def read_document(
@@ -161,6 +158,15 @@ def read_document(
     source.entries = document.others
     if not value or not isinstance(value, list | dict):
         return source
+    if source.is_exact:
+        source.numbered = _numbered(document)
+        # Row by row only if somebody asks.
+        rows = _exact_rows(document)
+        is_at_once = source.numbered is not None
+        source.entries = rows if is_at_once else sorted(rows, key=itemgetter(0))
+        columns_read = [name for name in value[0] if name not in (KIND, QUANTITIES)]
+        source.reading = replace(source.reading, columns=tuple(columns_read))
+        return source
     texts = _texts_of(document)
     anchor = "table" if document.is_table else "json"
     if len(texts) > _MOST_TEXTS:
@@ -168,25 +174,11 @@ def read_document(
     read_candidate = partial(_candidate, document, source, texts, _names(value, texts), fold=fold)
     if columns is not None:
         best = read_candidate(_given(document, columns, texts), is_given=True)
-    elif source.is_exact:
-        names_of_columns = [name for name in document.value[0] if name not in (KIND, QUANTITIES)]
-        *parts, result_path = ((EACH, f".{name}") for name in names_of_columns)
-        way = Way(tuple(parts), (result_path,))
-        source.numbered = _numbered(document)
-        if source.numbered is not None:
-            # Row by row only if somebody asks.
-            source.entries = chain.from_iterable(
-                read_candidate(only_way).entries for only_way in [way]
-            )
-            source.reading = replace(source.reading, columns=tuple(names_of_columns))
-            return source
-        best = read_candidate(way)
     else:
         _check_choices(path, texts)
         ways = list(islice(_ways(texts), _MOST_WAYS))
         documented = [read_candidate(way) for way in ways if way.is_documented]
-        unsure = (way for way in ways if not way.is_documented)
-        guesses = map(read_candidate, chain(unsure, _by_column(texts)))
+        guesses = (read_candidate(way) for way in ways if not way.is_documented)
         choice = choose(path, documented, guesses, anchor, allows_single=allows_single)
         if choice is None:
             raise refusal(
@@ -198,8 +190,7 @@ def read_document(
         best = choice
     source.entries = best.entries
     source.reading = best.reading
-    if not source.is_exact:
-        best.labels.finish(source)
+    best.texts.finish(source)
     # Nothing is no result where labels tell that the game is Infinite Craft.
     every_text = set(
         chain.from_iterable(
@@ -208,7 +199,7 @@ def read_document(
     )
     every_text.update(*(row.ingredients for row in best.rows))
     craft = {label.lower() if fold else label for label in INFINITE_CRAFT_BASE}
-    if not source.is_exact and every_text.issuperset(craft):
+    if every_text.issuperset(craft):
         source.entries = without_nothing(best.entries, fold=fold)
         # Saves list items with emoji; another table or list may have these labels by chance.
         if not source.base and any(path[-1:] in ((".text",), (".emoji",)) for path in texts):
@@ -313,31 +304,6 @@ def _last_key(path: Path) -> str:
     """Return the key, in lower case, at which a path ends, or whose list it ends in."""
     *_, last = ("", *(step for step in path if step != EACH))
     return last.removeprefix(".").casefold()
-
-
-def as_records(document: Any) -> Any:
-    """Return columns, or a list below a header, as records; any other value as it is."""
-    head: Any = None
-    rows: Any = []
-    if isinstance(document, list) and document and isinstance(document[0], list):
-        head, *rows = document
-    elif isinstance(document, dict) and isinstance(document.get("data"), list):
-        head, rows = document.get("columns"), document["data"]
-    elif isinstance(document, dict):
-        columns = [
-            [*value.values()] if isinstance(value, dict) else value for value in document.values()
-        ]
-        if all(isinstance(column, list) for column in columns):
-            rows = list(zip(*columns, strict=False))
-            is_flat = all(isinstance(cell, str | int | float) for cell in chain.from_iterable(rows))
-            is_even = len(set(map(len, columns))) == 1
-            head = list(document) if is_flat and is_even else None
-    if not isinstance(head, list) or not head or not all(isinstance(name, str) for name in head):
-        return document
-    ways = ways_by_words((EACH, f".{name}") for name in head)
-    if not any(way.is_named and way.is_documented for way in ways):
-        return document
-    return [dict(zip(head, row, strict=False)) for row in rows if isinstance(row, list | tuple)]
 
 
 # --- paths ---------------------------------------------------------------------------------------
@@ -489,66 +455,22 @@ def _collect(texts: _Texts, path: Path, values: list[Any]) -> None:
     if plain:
         texts.setdefault(path, []).extend(plain)
     if lists:
-        _collect_lists(texts, path, lists)
+        texts.lengths.setdefault(path, set()).update(map(len, lists))
+        elements = [each for each in chain.from_iterable(lists) if each is not None]
+        num_lists = sum(isinstance(each, list) for each in elements)
+        # Choices beside ingredients, as in Minecraft: no reading accounts for both.
+        if num_lists in (0, len(elements)):
+            _collect(texts, (*path, EACH), elements)
     if objects and _are_records(objects, path):
         for key in dict.fromkeys(chain.from_iterable(objects)):
-            holders = [record for record in objects if key in record]
-            _wrap_pairs([(record, key) for record in holders])
-            _collect(texts, (*path, f".{key}"), [record[key] for record in holders])
+            _collect(texts, (*path, f".{key}"), [each[key] for each in objects if key in each])
     elif objects:
         keys = (*path, VALUES, KEY)
         texts.setdefault(keys, []).extend(chain.from_iterable(objects))
-        _wrap_pairs([(record, key) for record in objects for key in record])
         inner = list(chain.from_iterable(record.values() for record in objects))
-        # Numbers beside labels are numbers of pieces; those beside sums are ids.
-        if all(map(is_number, inner)) and not _are_sums(texts[keys]):
-            texts.counted.add(keys)
-        else:
+        # Numbers beside labels are numbers of pieces.
+        if not all(map(is_number, inner)):
             _collect(texts, (*path, VALUES), inner)
-
-
-def _wrap_pairs(places: Sequence[tuple[dict[str, Any], str]]) -> None:
-    """Make a single pair a list of one pair, in place, where values beside it are lists of pairs.
-
-    Args:
-        places: objects and their keys with values of one meaning.
-    """
-    if any(_is_list(record[key], list) for record, key in places):
-        for record, key in places:
-            if _is_list(record[key], str):
-                record[key] = [record[key]]
-
-
-def _is_list(value: Any, kind: type) -> bool:
-    is_filled = isinstance(value, list) and bool(value)
-    return is_filled and all(isinstance(element, kind) for element in value)
-
-
-def _collect_lists(texts: _Texts, path: Path, lists: list[list[Any]]) -> None:
-    """Collect what is in lists; a label with a number of pieces, as in ["egg", 2], is one label."""
-    if all(map(_is_counted, lists)):
-        texts[(*path, "[0]")] = [value[0] for value in lists]
-        return
-    texts.lengths.setdefault(path, set()).update(map(len, lists))
-    elements = [element for element in chain.from_iterable(lists) if element is not None]
-    num_lists = sum(isinstance(element, list) for element in elements)
-    # Choices beside ingredients, as in Minecraft: no reading accounts for both.
-    if num_lists in (0, len(elements)):
-        _collect(texts, (*path, EACH), elements)
-    elif path[-1:] == (EACH,) and set(map(len, lists)) == {2}:
-        # Ingredients in a list, and a result: [["water", "earth"], "mud"].
-        for place in range(2):
-            _collect(texts, (*path, f"[{place}]"), [pair[place] for pair in lists])
-
-
-def _is_counted(value: list[Any]) -> bool:
-    if len(value) != 2 or not isinstance(value[0], str) or not value[0]:
-        return False
-    label, beside = value
-    if isinstance(beside, str):
-        # An emoji beside its name, as in ["Water", "💧"].
-        return label[0].isalpha() and bool(beside) and not any(map(str.isalnum, beside))
-    return isinstance(beside, int | float)
 
 
 def _are_records(objects: Sequence[dict[str, Any]], path: Path = ()) -> bool:
@@ -619,11 +541,6 @@ def _names(value: Any, texts: _Texts) -> list[Names]:
                     if ids and names_in_row
                 )
             )
-    lists = [path for path in texts if path[-1:] == (EACH,) and not set(path[:-1]) & set(LOOPS)]
-    # Ids may be places in a list of names, if nothing else is.
-    for path in lists if not tables else ():
-        if all(isinstance(value, str) for value in texts[path]):
-            tables.append(names_by_id(enumerate(texts[path])))
     return tables
 
 
@@ -643,87 +560,47 @@ def _shown_paths(texts: _Texts) -> str:
 
 def _ways(texts: _Texts) -> Iterator[Way]:
     """Yield the ways to read a document, the more certain ones first."""
-    # Flat records have nothing but keys.
-    nested = [path for path in texts if len(path) != 2 or path[0] != EACH or path[1][0] != "."]
-    by_place = [way for path in nested for way in (*_by_keys(texts, path), *_by_list(texts, path))]
-    documented_ways = [way for way in by_place if way.is_documented]
-    result_paths = {path for way in documented_ways for path in way.results if path[-1] != KEY}
-    yield from ways_by_words(path for path in texts if path not in result_paths)
-    yield from by_place
+    yield from ways_by_words(texts)
+    for path in texts:
+        yield from _ways_by_keys(texts, path)
+    yield from _orders(texts)
 
 
-def _by_keys(texts: _Texts, path: Path) -> Iterator[Way]:
-    """Yield ways to read what is at a path below keys that are labels, or sums of them."""
+def _ways_by_keys(texts: _Texts, path: Path) -> Iterator[Way]:
+    """Yield ways to read what is at a path below keys that are labels."""
     maps = [at for at, step in enumerate(path) if step == VALUES]
-    keys = tuple((*path[: at + 1], KEY) for at in maps)
-    if path in texts.counted and path[-3:] == (VALUES, VALUES, KEY):
-        # Numbers of pieces by label: {"torch": {"plank": 2, "stick": 1}}.
-        yield Way((path,), (keys[-2],), is_named=False, by_place=True)
-    if not maps or path[-1] == KEY:
+    if not maps or path[-1] == KEY or not any(isinstance(value, str) for value in texts[path]):
         return
+    keys = tuple((*path[: at + 1], KEY) for at in maps)
     below = path[maps[-1] + 1 :]
-    name = below[0][1:] if len(below) == 1 and below[0].startswith(".") else ""
-    is_result = bool(words_of(name) & RESULT) and is_plain(name)
-    has_texts = any(isinstance(value, str) for value in texts[path])
-    is_sum = _are_sums(texts[path])
-    # Commas in keys may be parts of labels of things that are made of lists.
-    are_sums = _are_sums(texts[keys[-1]], has_commas=EACH not in below)
-    if below == (EACH, EACH) and has_texts:
-        yield Way((path,), (keys[-1],), by_place=True)
+    if below == (EACH, EACH):
+        yield Way((path,), (keys[-1],), by_keys=True)
         if texts.lengths[path[:-1]] == {2}:
             # Or a partner and what it makes.
-            partner, second_items = (*path[:-1], "[0]"), (*path[:-1], "[1]")
-            yield Way((keys[-1], partner), (second_items,), is_documented=False)
-    elif not (is_result or is_name(name) or below in ((), (EACH,))):
-        return
-    elif are_sums and not is_sum:
-        yield Way(keys[-1:], (path,), by_place=True)
-    elif is_sum and not name:
-        yield Way((path,), keys[-1:], by_place=True)
-    elif has_texts and maps[-2:] == [maps[-1] - 1, maps[-1]] and (is_result or not name):
-        yield Way(keys[-2:], (path,), by_place=True)
-    elif has_texts and below == (EACH,):
-        # Two labels below a key may be anything about it.
+            partner, made = (*path[:-1], "[0]"), (*path[:-1], "[1]")
+            yield Way((keys[-1], partner), (made,), is_documented=False)
+    elif below in ((), (EACH,)):
+        if maps[-2:] == [maps[-1] - 1, maps[-1]]:
+            yield Way(keys[-2:], (path,), by_keys=True)
+        # Labels below a key may be anything about it.
         yield Way((path,), keys[-1:], is_documented=False)
+        yield Way(keys[-1:], (path,), is_documented=False)
 
 
-def _by_list(texts: _Texts, path: Path) -> Iterator[Way]:
-    """Yield ways to read lists of three labels, and of ingredients in a list before the result."""
-    beside = path[-1:] if path[-1] == "[0]" else ()  # a label and something beside it
-    outer = path[: len(path) - len(beside)]
-    if outer[-2:] == (EACH, EACH) and texts.lengths.get(outer[:-1]) == {3}:
-        a, b, c = ((*outer[:-1], f"[{place}]", *beside) for place in range(3))
-        yield Way((a, b), (c,), by_place=True, is_order=True)
-        yield Way((b, c), (a,), is_documented=False, is_order=True)
-        yield Way((a, c), (b,), is_documented=False, is_order=True)
-    elif path[-2:] == ("[0]", EACH) and (*path[:-2], "[1]") in texts:
-        yield Way((path,), ((*path[:-2], "[1]"),), by_place=True)
-
-
-def _by_column(texts: _Texts) -> Iterator[Way]:
-    """Yield guesses for three columns or keys whose names say nothing."""
+def _orders(texts: _Texts) -> Iterator[Way]:
+    """Yield the orders of three columns, or of lists of three, whose names say nothing."""
     columns = [path for path in texts if path[:1] == (EACH,) and path[1:] == path[-1:]]
-    columns = [path for path in columns if is_plain(path[-1][1:])]
-    columns = [path for path in columns if not all(map(is_number, texts[path]))]
     is_unnamed = all(path[-1][1:].isdecimal() for path in texts)
-    for word in set(chain.from_iterable(words_of(path[-1][1:]) for path in columns)):
-        # Such as draggedItem, targetItem and resultItem.
-        like = [path for path in columns if word in words_of(path[-1][1:])]
-        if len(like) == 3 and words_of(like[-1][-1][1:]) & RESULT:
-            yield Way((like[0], like[1]), (like[2],), is_documented=False)
+    if columns == [(EACH, EACH)] and texts.lengths[EACH,] == {3}:
+        columns = [(EACH, f"[{place}]") for place in range(3)]
+        is_unnamed = False  # a header may stand above
+    else:
+        columns = [path for path in columns if path[-1][0] == "." and is_plain(path[-1][1:])]
+        columns = [path for path in columns if not all(map(is_number, texts[path]))]
     if len(columns) == 3 and not any(is_name(path[-1][1:]) for path in columns):
         a, b, c = columns
-        for first_part, second_part, result_path in ((a, b, c), (b, c, a), (a, c, b)):
-            yield Way((first_part, second_part), (result_path,), False, False, is_order=is_unnamed)
-
-
-def _are_sums(keys: Sequence[Any], *, has_commas: bool = True) -> bool:
-    """Return whether all keys are sums, or lists as text."""
-    signs = [sign for sign in JOINERS if has_commas or sign != ","]
-    if not keys or not all(isinstance(key, str) for key in keys):
-        return False
-    plain = [key for key in keys if not listed_value(key)]
-    return not plain or any(all(sign in key for key in plain) for sign in signs)
+        for first, second, result in ((a, b, c), (b, c, a), (a, c, b)):
+            yield Way((first, second), (result,), False, False, is_order=is_unnamed)
 
 
 # --- the recipes of a way ------------------------------------------------------------------------
@@ -746,51 +623,32 @@ def _candidate(
     read_paths = {*way_paths, *facts}
     ignored_paths = [path for path in texts if path not in read_paths and path[-1:] != (KEY,)]
     raws = list(_raws(document, way, facts))
-    is_sole = len(way.parts) == 1
-    has_several = any(len(raw.parts) != 1 for raw in raws)
-    in_lists = is_sole and way.parts[0][-1] in LOOPS and has_several
     joiner: str | None = ""
-    cells = [part for raw in raws for part in raw.parts if isinstance(part, str) and part]
-    if not source.is_exact and is_sole:
-        cells = [cell for cell in cells if listed_value(cell) is None]
-        joiner = find_joiner(cells, in_all=in_lists, allows_weak=not way.by_place)
-    elif not source.is_exact and all("+" in cell for cell in cells):
-        joiner = find_joiner(cells)
-    if joiner and (in_lists or not is_sole):
-        # Several columns or texts of a list hold a whole recipe each.
-        raws = [raw._replace(parts=[part]) for raw in raws for part in filter(None, raw.parts)]
-    # A grid has blanks, and as many slots in each row; in lists of labels they are slips.
-    is_uneven = in_lists and not joiner and len({len(raw.parts) for raw in raws if raw.parts}) > 1
-    entries = list(document.others)
-    several_outputs = 0
-    for raw in raws:
-        if is_uneven and "" in raw.parts[1:]:
-            message = "a blank ingredient; fill it, or leave it out of the list."
-            entries.append(fault_at(raw.place, "label", message, "blank"))
-        else:
-            row_entries = _exact_rows(raw) if source.is_exact else list(rows_of_raw(raw, joiner))
-            several_outputs += len(row_entries) > 1
-            entries += row_entries
+    if len(way.parts) == 1:
+        has_several = any(len(raw.parts) != 1 for raw in raws)
+        in_lists = way.parts[0][-1] in LOOPS and has_several
+        parts = chain.from_iterable(raw.parts for raw in raws)
+        cells = [part for part in parts if isinstance(part, str) and part]
+        joiner = find_joiner(cells, in_all=in_lists)
+        if joiner and in_lists:
+            # Each text of a list holds a whole recipe.
+            raws = [raw._replace(parts=[part]) for raw in raws for part in filter(None, raw.parts)]
+    row_entries = [list(rows_of_raw(raw, joiner)) for raw in raws]
+    entries = [*document.others, *chain.from_iterable(row_entries)]
     if document.is_table:
         entries.sort(key=itemgetter(0))
     rows = [entry for entry in entries if isinstance(entry, Row)]
     # Numbers are no results, unless they are names or ids.
     numbers = {row.result for row in rows if is_number(row.result)}
     numbers.difference_update(*names)
-    if rows and not is_given and not source.is_exact and all(row.result in numbers for row in rows):
+    if rows and not is_given and all(row.result in numbers for row in rows):
         message = "is a number; a result is a name. If it is one, name the columns with --columns."
         entries = []
-        if way.is_named and not way.by_place:
+        if way.is_named and not way.by_keys:
             entries += (fault_at(row.place, "label", f"{row.result!r} {message}") for row in rows)
         rows = []
-    labels = read_labels(
-        rows,
-        exact_fault if source.is_exact else cell_fault,
-        names,
-        is_exact=source.is_exact,
-        is_given=is_given,
-        fold=fold,
-    )
+    fault = table_fault if document.is_table else cell_fault
+    labels = read_labels(rows, fault, names, is_given=is_given, fold=fold)
     counts = (path for path in ignored_paths if words_of(path[-1][1:]) & COUNT)
     return ReadingCandidate(
         way,
@@ -800,12 +658,11 @@ def _candidate(
             num_results=len(way.results),
             ignored=tuple(path_text(path, document.is_table) for path in ignored_paths),
             counts_dropped=sum(n not in ("", "1", 1) for path in counts for n in texts[path]),
-            several_outputs=several_outputs,
+            several_outputs=sum(len(entries_of_row) > 1 for entries_of_row in row_entries),
         ),
         entries=[labels.row(entry) if isinstance(entry, Row) else entry for entry in entries],
-        labels=labels,
+        texts=labels,
         num_unmade=sum(any(raw.parts) and not any(raw.results) for raw in raws),
-        needs_reuse=not texts.counted.isdisjoint(way_paths),
     )
 
 
@@ -834,9 +691,19 @@ def _raws(document: Document, way: Way, facts: Sequence[Path]) -> Iterator[Raw]:
             yield Raw(place, values, results)
 
 
-def _exact_rows(raw: Raw) -> list[Entry]:
-    """Return the recipe of a row of our own table."""
-    parts = [part for part in raw.parts if part]
-    if not parts or not raw.results[0]:
-        return [LeftOut(raw.place, WITHOUT)]
-    return [Row(raw.place, parts, raw.results[0], raw.kind, raw.quantities)]
+def _exact_rows(document: Document) -> Iterator[Entry]:
+    """Yield the recipes of our own table, whose cells are labels as they stand, and all faults."""
+    yield from document.others
+    for place, record in zip(document.places, document.value, strict=True):
+        facts = {name: record[name] for name in (KIND, QUANTITIES) if name in record}
+        *parts, result = (cell for name, cell in record.items() if name not in facts)
+        labels = [*filter(None, parts), result]
+        faults = list(filter(None, map(exact_fault, labels)))
+        if record.get(KIND):
+            faults += filter(None, [label_fault(record[KIND])])
+        if len(labels) < 2 or not result:
+            yield LeftOut(place, WITHOUT)
+        elif faults:
+            yield Fault(place, "label", " Also, ".join(dict.fromkeys(faults)))
+        else:
+            yield Row(place, labels[:-1], result, **facts)

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from wordcraft_kg.base import ConfigError, RecipeFileError, counted, nearest, one_of, stage
 from wordcraft_kg.graphs.book_files.cells import is_number, odd_label
-from wordcraft_kg.graphs.book_files.documents import Document, as_records, read_document
+from wordcraft_kg.graphs.book_files.documents import Document, read_document
 from wordcraft_kg.graphs.book_files.files import (
     Content,
     check_encoding,
@@ -240,28 +240,20 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
     )
     if ending in _JSON_ENDINGS or is_json(text):
         value, is_lines = load_json(path, text)
-        # A list of a + b = c, alone or below a key.
-        inner = value.values() if isinstance(value, dict) else [value]
-        lists = [member for member in inner if isinstance(member, list)]
-        is_text = len(lists) == 1 and all(isinstance(member, str) for member in lists[0])
-        lines = "\n".join(lists[0]) if is_text else ""
-        if is_text and (isinstance(value, list) or looks_like_lines(lines, is_table=False)):
-            return _source_of(path, ".txt", lines, options)
         source = None if options.columns is not None else known_layout(path, value)
         shape = "JSON lines" if is_lines else "JSON"
-        return source or find(Document(as_records(value)), FileRows(Reading(shape=shape)))
+        return source or find(Document(value), FileRows(Reading(shape=shape)))
     # Lines are often saved under the ending of a table.
-    if options.delimiter is None and looks_like_lines(text, is_table=ending in ENDINGS):
+    if options.delimiter is None and looks_like_lines(text):
         if options.columns is not None:
             raise refusal(
                 path, "lines a + b = c, which have no columns", "lines", "Leave --columns out."
             )
         return read_lines(path, text, fold=fold)
     delimiter = None if options.delimiter is None else delimiter_of(options.delimiter)
-    by_name = not all(column.strip().isdecimal() for column in options.columns or ["1"])
     usual = ENDINGS.get(ending, ",")
     try:
-        table, document = read_table(path, text, delimiter, usual=usual, is_named=by_name)
+        table, document = read_table(path, text, delimiter, usual=usual, columns=options.columns)
         source = find(document, table)
         source.records = dict(zip(document.places, document.value, strict=True))
         return source

@@ -15,7 +15,7 @@ from pathlib import Path
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs.book_files.cells import FileLabels, is_number, odd_label
 from wordcraft_kg.graphs.book_files.rows import Entry, Fault, Row, refusal
-from wordcraft_kg.graphs.book_files.words import Way, words_of
+from wordcraft_kg.graphs.book_files.words import KEY, Way, words_of
 from wordcraft_kg.graphs.recipes import Reading
 
 ELEMENTS = words_of(
@@ -62,18 +62,15 @@ class ReadingCandidate:
         way: the paths of its ingredients and results.
         reading: the record of this reading, with these paths as text in ``columns``.
         entries: recipes, faults and rows left out.
-        labels: the labels of its texts.
+        texts: the labels of its texts.
         num_unmade: number of rows with ingredients and without a result.
-        needs_reuse: whether a book of any size must hang together, as numbers beside labels may be
-            properties.
     """
 
     way: Way
     reading: Reading
     entries: Sequence[Entry]
-    labels: FileLabels
+    texts: FileLabels
     num_unmade: int
-    needs_reuse: bool
 
     @cached_property
     def rows(self) -> list[Row]:
@@ -95,6 +92,11 @@ class ReadingCandidate:
         """Share of the results that are ingredients of other recipes."""
         return share_of_reused(self.recipes)
 
+    @property
+    def hangs_together(self) -> bool:
+        """Whether enough results are ingredients of other recipes."""
+        return self.share > LEAST_REUSED
+
     @cached_property
     def folded_share(self) -> float:
         """This share if all labels were in lower case."""
@@ -105,11 +107,16 @@ class ReadingCandidate:
     @cached_property
     def contradictions(self) -> int:
         """Number of recipes that make an element or a part of themselves, or share their pair."""
-        elements = {label for label in self.labels_used if label.casefold() in ELEMENTS}
+        elements = {label for label in self.labels if label.casefold() in ELEMENTS}
         if len(elements) < _FEWEST_ELEMENTS:
             elements = set()
         odd = sum(result in elements or result in parts for parts, result in self.recipes)
         return odd + len(self.recipes) - len({parts for parts, _ in self.recipes})
+
+    @cached_property
+    def labels(self) -> set[str]:
+        """All labels of its recipes."""
+        return {label for parts, result in self.recipes for label in (*parts, result)}
 
     @property
     def is_mostly_single(self) -> bool:
@@ -136,10 +143,16 @@ class ReadingCandidate:
         parts = " + ".join(label[:40] for label in first.ingredients[:8])
         return f"{parts} = {first.result[:40]} ({self.command})"
 
-    @cached_property
-    def labels_used(self) -> set[str]:
-        """All labels of its recipes."""
-        return {label for parts, result in self.recipes for label in (*parts, result)}
+    def is_rival_of(self, best: "ReadingCandidate") -> bool:
+        """Return whether a reading fits as well as the best one, which hangs together.
+
+        Either its words are documented, and it hangs together as well; or it is another order of
+        the same labels, and less odd.
+        """
+        if self.way.is_documented:
+            return self.share > max(best.share * _LIKE, LEAST_REUSED)
+        are_same_labels = len(self.results & best.labels) * 2 > len(self.results)
+        return are_same_labels and self.contradictions < best.contradictions
 
     def is_like(self, other: "ReadingCandidate") -> bool:
         """Return whether two readings share most of their recipes."""
@@ -171,45 +184,32 @@ def choose(
         RecipeFileError: if several readings remain, or the only one does not hang together; with
             the commands that read the file.
     """
-    readable = [reading for reading in candidates if reading.rows]
-    documented = [
-        reading for reading in readable if not reading.needs_reuse or reading.share > LEAST_REUSED
-    ]
+    documented = [reading for reading in candidates if reading.rows]
     # A key of results that most rows lack is hardly that of their results.
     complete = [reading for reading in documented if reading.num_unmade <= len(reading.rows)]
     documented = complete or documented
     named_readings = [reading for reading in documented if reading.way.is_named] or documented
     # Equal shares leave the more certain reading in front.
     best = max(named_readings, key=attrgetter("share"), default=None)
-    is_sure = best is not None and best.way.is_named and not best.way.by_place
-    if best is None or not is_sure or best.share <= LEAST_REUSED:
-        readable += [reading for reading in guesses if reading.rows]
-        ordered_reading = _told_order([reading for reading in readable if reading.way.is_order])
-        if ordered_reading is not None:
-            return ordered_reading
+    if best and best.way.is_named and not best.way.by_keys and best.hangs_together:
+        further_readings = []
+    else:
+        further_readings = [reading for reading in guesses if reading.rows]
     if best is None:
-        return _undocumented(path, candidates, readable, anchor)
+        told_order = _told_order([reading for reading in further_readings if reading.way.is_order])
+        return told_order or _undocumented(path, candidates, further_readings, anchor)
     # Of two readings of the same recipes, the one that lacks none; of equal ones the best.
     alike = [best, *(reading for reading in documented if reading.is_like(best))]
     best = max(alike, key=lambda reading: len(reading.recipes))
-    different_readings = [reading for reading in readable if not reading.is_like(best)]
-    # Another order of the same labels is a reading only if it is no odder.
-    if best.way.by_place or not best.way.is_named:
-        odd = [
-            reading
-            for reading in different_readings
-            if reading.contradictions < best.contradictions
-            and not reading.way.is_documented
-            and len(reading.results & best.labels_used) * 2 > len(reading.results)
-            and reading.is_clean
-        ]
-        if odd:
-            raise _several(path, "two readings fit", [best, *odd], anchor)
+    different = [
+        reading
+        for reading in (*documented, *further_readings)
+        if not reading.is_like(best) and reading.is_clean
+    ]
     rivals = [
         reading
-        for reading in different_readings
-        if reading.share > LEAST_REUSED
-        and reading.is_clean
+        for reading in different
+        if reading.hangs_together
         and (reading.way.is_documented or reading.contradictions <= best.contradictions)
     ]
     if best.is_mostly_single and not allows_single:
@@ -217,24 +217,21 @@ def choose(
             f"read as {_shown(best)}, most rows have one ingredient: they may be parts of recipes"
         )
         raise _several(path, problem, rivals, anchor)
-    # Names of rows may be no results if none is used, and another key may hold the results.
+    if best.hangs_together:
+        # A much looser reading is none; another order of the same labels is one if it is less odd.
+        rivals = [reading for reading in different if reading.is_rival_of(best)]
+        if rivals:
+            readings = [best, *rivals] if best.is_clean else rivals
+            raise _several(path, "two readings fit", readings, anchor)
+        return best
+    # Names of rows may be no results if none is used, and another key may hold the results; and
+    # numbers beside labels may be properties.
+    is_counted = best.way.is_named and best.way.results[-1][-1] == KEY
     is_unused = (
         not best.way.is_named and bool(best.reading.ignored) and len(best.results) >= _FEWEST_UNUSED
     )
-    is_judged = len(best.results) >= FEWEST_RESULTS or (is_unused and not best.share)
-    hangs_together = best.share > LEAST_REUSED
-    if not hangs_together and is_judged:
+    if rivals or is_counted or is_unused or len(best.results) >= FEWEST_RESULTS:
         raise _loose(path, best, rivals, anchor)
-    # In a book that hangs together, a much looser reading is none, and neither is a guess.
-    close = [
-        reading
-        for reading in rivals
-        if reading.share > best.share * _LIKE and (reading.way.is_documented or not hangs_together)
-    ]
-    if close:
-        problem = "two readings fit" if hangs_together else f"{_shown(best)} is not certain"
-        is_advised = hangs_together and best.is_clean
-        raise _several(path, problem, [best, *close] if is_advised else close, anchor)
     return best
 
 
@@ -255,13 +252,13 @@ def _undocumented(
     Returns:
         A reading whose faults say what is wrong; None without one.
     """
-    # The columns of a small table without a header may be in any order.
     clean = [reading for reading in readable if reading.is_clean]
     ways = [
         reading
         for reading in clean
         if reading.folded_share > max(LEAST_REUSED, 1 / len(reading.results))
     ]
+    # The columns of a small table without a header may be in any order.
     ways = ways or [reading for reading in clean if reading.way.is_order]
     if not ways:
         faulty = (

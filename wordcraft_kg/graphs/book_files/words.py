@@ -92,7 +92,7 @@ INGREDIENT = words_of(
 )
 SUMS = words_of(
     "recipe recipes combination combinations combo combos pair pairs formula formulas formulae "
-    "crafting craft crafts reaction reactions mix mixes fusion fusions with "
+    "crafting craft crafts reaction reactions mix mixes fusion fusions "
     "rezept rezepte recette recettes receta recetas ricetta ricette receita receitas "
     "recept recepten przepis рецепт рецепты 配方 合成 レシピ 조합 조합법"
 )
@@ -135,7 +135,6 @@ CONTAINERS = SUMS | words_of(
 """Keys of a file's lists of recipes or things."""
 _BY = words_of("with from of by using")
 _FIRST = ORDINAL | words_of("first second third fourth left right")
-_PARTNERS = words_of("with partner other")
 _SLOT = WEAK | ID | {"name"}
 _NAMES = frozenset(NAME)
 _KNOWN = RESULT | INGREDIENT | CONTAINERS | ID
@@ -150,7 +149,7 @@ class Way(NamedTuple):
         results: paths of the results.
         is_named: whether the results are named as results, not only as a thing.
         is_documented: whether all words are documented; the others are guesses for refusals.
-        by_place: whether the places of labels tell their roles, and no words do.
+        by_keys: whether keys are labels, as in {"mud": [["water", "earth"]]}.
         is_order: whether it is one of three orders of columns whose names say nothing.
     """
 
@@ -158,7 +157,7 @@ class Way(NamedTuple):
     results: tuple[Path, ...]
     is_named: bool = True
     is_documented: bool = True
-    by_place: bool = False
+    by_keys: bool = False
     is_order: bool = False
 
 
@@ -302,19 +301,13 @@ def ways_by_words(paths: Iterable[Path]) -> Iterator[Way]:
         )
     for family in families:
         around = _common(family)
-        last = words_of(family[0][-1][1:]) if family[0][-1].startswith(".") else frozenset()
-        # {"name": "water", "uses": [{"with": "earth", "makes": "mud"}]}
-        is_partner = len(family) == 1 and bool(last & _PARTNERS)
         for result_family in _families(results):
             outer = _around(result_family[0], results[result_family[0]])
-            if is_partner:
-                near = (thing for thing in things if _is_around(thing, result_family[0]))
-                near = (thing for thing in near if thing[:-1] != result_family[0][:-1])
-                yield from (Way((thing, *family), result_family) for thing in near)
-            elif around[: len(outer)] == outer:
+            # Lists that no list holds together are columns, or one recipe.
+            are_columns = EACH in result_family[0] and not _around(around, len(around))
+            if around[: len(outer)] == outer and not are_columns:
                 yield Way(family, result_family)
-        if not is_partner or not results:
-            near = (thing for thing in things if _is_around(thing, around))
-            yield from (Way(family, (thing,), is_named=False) for thing in near)
-            guesses = (guess for guess in unknown if _is_around(guess, around))
-            yield from (Way(family, (guess,), False, False) for guess in guesses)
+        near = (thing for thing in things if _is_around(thing, around))
+        yield from (Way(family, (thing,), is_named=False) for thing in near)
+        guesses = (guess for guess in unknown if _is_around(guess, around))
+        yield from (Way(family, (guess,), False, False) for guess in guesses)

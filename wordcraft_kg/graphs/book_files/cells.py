@@ -23,7 +23,15 @@ from wordcraft_kg.graphs.book_files.rows import (
     Row,
     fault_at,
 )
-from wordcraft_kg.graphs.book_files.words import name_rank, names_thing
+from wordcraft_kg.graphs.book_files.words import (
+    RESULT,
+    has_role,
+    is_id,
+    is_name,
+    is_plain,
+    name_rank,
+    words_of,
+)
 from wordcraft_kg.graphs.recipes import count_in, is_missing, label_fault, shown
 
 UNSEEN = "".join(
@@ -83,11 +91,12 @@ def is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def labels_in(value: Any) -> list[str] | None:
+def labels_in(value: Any, beside: dict[str, list[Any]]) -> list[str] | None:
     """Return the labels in a value of JSON: a text, a list, or an object with a name.
 
     Args:
         value: such as "egg", or ["egg", {"name": "flour", "amount": 2}].
+        beside: gets the values of further keys in objects.
 
     Returns:
         The labels; None for a value whose labels no documented word names.
@@ -99,13 +108,19 @@ def labels_in(value: Any) -> list[str] | None:
     if is_number(value):
         return [f"{NUMBER}{value}"]
     if isinstance(value, list):
-        parts = [labels_in(part) for part in value]
+        parts = [labels_in(part, beside) for part in value]
         return None if None in parts else list(chain.from_iterable(filter(None, parts)))
-    if isinstance(value, dict):
-        names = [key for key in value if names_thing(key) and isinstance(value[key], str)]
-        if names:
-            return [value[min(names, key=name_rank)]]
-    return None
+    if not isinstance(value, dict) or any(isinstance(part, list | dict) for part in value.values()):
+        return None
+    # A record has keys of several roles.
+    roles = [key for key in value if has_role(key) and is_plain(key)]
+    names = [key for key in value if key not in roles and (is_name(key) or is_id(key))]
+    if len(roles) + bool(names) != 1 or any(words_of(key) & RESULT for key in roles):
+        return None
+    label_key = min([*roles, *names], key=name_rank)
+    for key in value.keys() - {label_key}:
+        beside.setdefault(key, []).append(value[key])
+    return labels_in(value[label_key], beside)
 
 
 def find_joiner(cells: Sequence[str], *, in_all: bool = False) -> str | None:
@@ -160,18 +175,21 @@ class _UnsureError(Exception):
     """A row whose labels are not certain; the message says why."""
 
 
-def _pieces(value: Any, joiner: str | None, *, is_alone: bool) -> list[str]:
+def _pieces(
+    value: Any, joiner: str | None, beside: dict[str, list[Any]], *, is_alone: bool
+) -> list[str]:
     """Return the texts in a cell or a value of JSON.
 
     Args:
         value: the cell or value.
         joiner: see :func:`find_joiner`.
+        beside: gets the values of further keys in objects.
         is_alone: whether it holds all ingredients of its row.
 
     Raises:
         _UnsureError: if they are not certain.
     """
-    labels = labels_in(value)
+    labels = labels_in(value, beside)
     if labels is None:
         raise _UnsureError(f"{shown(value)} holds no label under a documented key.")
     if isinstance(value, list) and len(labels) > 1 and not is_alone:
@@ -194,12 +212,13 @@ def _pieces(value: Any, joiner: str | None, *, is_alone: bool) -> list[str]:
     return several
 
 
-def rows_of_raw(raw: Raw, joiner: str | None) -> Iterator[Entry]:
+def rows_of_raw(raw: Raw, joiner: str | None, beside: dict[str, list[Any]]) -> Iterator[Entry]:
     """Yield the recipes in a row, by the texts in its cells; a fault if they are not certain.
 
     Args:
         raw: the row.
         joiner: the sign between ingredients in one cell, see :func:`find_joiner`.
+        beside: gets the values of further keys in objects.
     """
     try:
         # Spreadsheets leave blank all cells but the first of those that they merged. In a grid of
@@ -211,8 +230,8 @@ def rows_of_raw(raw: Raw, joiner: str | None) -> Iterator[Entry]:
                 "write a single ingredient first."
             )
         is_alone = len(raw.parts) == 1
-        part_texts = [_pieces(value, joiner, is_alone=is_alone) for value in raw.parts]
-        result_texts = [_pieces(value, "", is_alone=True) for value in raw.results]
+        part_texts = [_pieces(value, joiner, beside, is_alone=is_alone) for value in raw.parts]
+        result_texts = [_pieces(value, "", beside, is_alone=True) for value in raw.results]
     except _UnsureError as error:
         yield fault_at(raw.place, "label", str(error))
         return
@@ -339,7 +358,6 @@ def read_labels(
     names: Iterable[Names] = (),
     *,
     is_given: bool = False,
-    fold: bool = False,
 ) -> FileLabels:
     """Find the label of each text in the rows of a file.
 
@@ -348,7 +366,6 @@ def read_labels(
         fault: returns why a text is no label, or None.
         names: names by id, of each kind of ids that the file has.
         is_given: whether the user names the reading, so that numbers are labels.
-        fold: whether labels are in lower case.
     """
     uses = Counter(chain.from_iterable(row.ingredients for row in rows))
     uses.update(row.result for row in rows)
@@ -367,8 +384,6 @@ def read_labels(
         if message:
             labels.faults[text] = message
     _clean(labels, rows, uses)
-    if fold:
-        labels.label_of = {text: label.lower() for text, label in labels.label_of.items()}
     return labels
 
 

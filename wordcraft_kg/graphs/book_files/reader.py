@@ -37,7 +37,6 @@ from wordcraft_kg.graphs.book_files.rows import (
     fault_at,
     refusal,
 )
-from wordcraft_kg.graphs.book_files.rule import LEAST_REUSED, share_of_reused
 from wordcraft_kg.graphs.book_files.texts import (
     ENDINGS,
     delimiter_of,
@@ -63,7 +62,6 @@ _TOTAL = re.compile(r"(?:grand )?totals?|sum|count|summe|gesamt|anzahl|total[ie]
 SELF_RESULT = "with an ingredient as the result"
 REPEATED = "that repeat a recipe"
 """Reasons of rows that no book keeps."""
-_COLUMNS = "If they are no recipes, name the right columns with `columns`."
 _SELF = "self"  # the `single_ingredient` that combines a single ingredient with itself
 _ALONE = "alone"  # the `single_ingredient` that keeps a set of one
 _TOO_MANY = f"with more than {MOST_INGREDIENTS} ingredients"
@@ -249,7 +247,8 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
             raise refusal(
                 path, "lines a + b = c, which have no columns", "lines", "Leave --columns out."
             )
-        return read_lines(path, text, fold=fold)
+        lines, document = read_lines(path, text)
+        return find(document, lines, columns=("sum", "result"))
     delimiter = None if options.delimiter is None else delimiter_of(options.delimiter)
     usual = ENDINGS.get(ending, ",")
     try:
@@ -325,18 +324,6 @@ class BookRows:
         """All recipes as the file has them."""
         return [entry for entry in self.source.entries if isinstance(entry, Row)]
 
-    @cached_property
-    def _hangs_together(self) -> bool:
-        """Whether the rows are surely recipes, so that options for single ones may be advised."""
-        if self.options.columns is not None or self.source.is_exact:
-            return True
-        single = [row.ingredients[0] for row in self.whole if len(row.ingredients) == 1]
-        # What alone makes several things is rather a remark.
-        is_remark = len(single) > 1 and len(set(single)) == 1
-        is_line = self.source.reading.columns[:1] == ("sum",)
-        share = share_of_reused((row.ingredients, row.result) for row in self.whole)
-        return is_line or (share > LEAST_REUSED and len(self.whole) > 1 and not is_remark)
-
     def __iter__(self) -> Iterator[tuple[Place, Recipe] | Fault]:
         """Yield each row's place and recipe, and faults."""
         for entry in self.source.entries:
@@ -396,14 +383,12 @@ class BookRows:
             return fault_at(place, "row", message, "total")
         single = self.options.single_ingredient
         if single is None and not self._has_sets:
-            remedy = _COLUMNS
-            if self._hangs_together:
-                remedy = (
-                    f"Write it twice, or build the graph with `single_ingredient` {_SELF} (which "
-                    f"reads {label} + {label}), {_ALONE} (a recipe of one ingredient), or the name "
-                    "of what it is combined with."
-                )
-            message = f"'{label}' is the only ingredient, in a book of pairs. {remedy}"
+            message = (
+                f"'{label}' is the only ingredient, in a book of pairs. Write it twice, or build the "
+                f"graph with `single_ingredient` {_SELF} (which reads {label} + {label}), {_ALONE} (a "
+                "recipe of one ingredient), or the name of what it is combined with. If it is no "
+                "ingredient, name the right columns with `columns`."
+            )
             return fault_at(place, "label", message)
         second = {None: (), _ALONE: (), _SELF: (label,)}.get(single, (single,))
         return Recipe((label, *second), result)

@@ -15,7 +15,7 @@ from pathlib import Path
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs.book_files.cells import FileLabels, is_number, odd_label
 from wordcraft_kg.graphs.book_files.rows import Entry, Fault, Row, refusal
-from wordcraft_kg.graphs.book_files.words import KEY, Way, words_of
+from wordcraft_kg.graphs.book_files.words import Way, words_of
 from wordcraft_kg.graphs.recipes import Reading
 
 ELEMENTS = words_of(
@@ -27,7 +27,7 @@ LEAST_REUSED = 0.05
 """Share of the results that must be ingredients of other recipes."""
 FEWEST_RESULTS = 20
 """Results of the smallest book that the share judges."""
-_FEWEST_UNUSED = 5  # of fewer recipes, none may use another's result by chance
+_FEWEST_NAMES = 5  # if they are names of rows beside other columns
 _LIKE = 0.5  # share of the rows by which two readings are one
 _MOST_READINGS = 4  # in a refusal
 _FEWEST_ELEMENTS = 2  # one alone, such as water, is a usual thing to make
@@ -64,6 +64,7 @@ class ReadingCandidate:
         entries: recipes, faults and rows left out.
         texts: the labels of its texts.
         num_unmade: number of rows with ingredients and without a result.
+        fold: whether labels will be in lower case.
     """
 
     way: Way
@@ -71,6 +72,7 @@ class ReadingCandidate:
     entries: Sequence[Entry]
     texts: FileLabels
     num_unmade: int
+    fold: bool
 
     @cached_property
     def rows(self) -> list[Row]:
@@ -80,7 +82,10 @@ class ReadingCandidate:
     @cached_property
     def recipes(self) -> set[tuple[frozenset[str], str]]:
         """The recipes without places and order."""
-        return {(frozenset(row.ingredients), row.result) for row in self.rows}
+        label_of = str.lower if self.fold else str
+        return {
+            (frozenset(map(label_of, row.ingredients)), label_of(row.result)) for row in self.rows
+        }
 
     @cached_property
     def results(self) -> set[str]:
@@ -144,15 +149,15 @@ class ReadingCandidate:
         return f"{parts} = {first.result[:40]} ({self.command})"
 
     def is_rival_of(self, best: "ReadingCandidate") -> bool:
-        """Return whether a reading fits as well as the best one, which hangs together.
-
-        Either its words are documented, and it hangs together as well; or it is another order of
-        the same labels, and less odd.
-        """
+        """Return whether a reading fits about as well as the best one of documented words."""
         if self.way.is_documented:
             return self.share > max(best.share * _LIKE, LEAST_REUSED)
+        # Another order of the same labels, if that is less odd.
         are_same_labels = len(self.results & best.labels) * 2 > len(self.results)
-        return are_same_labels and self.contradictions < best.contradictions
+        if are_same_labels and self.contradictions < best.contradictions:
+            return True
+        is_better = self.hangs_together and not best.hangs_together
+        return is_better and self.contradictions <= best.contradictions
 
     def is_like(self, other: "ReadingCandidate") -> bool:
         """Return whether two readings share most of their recipes."""
@@ -191,7 +196,7 @@ def choose(
     named_readings = [reading for reading in documented if reading.way.is_named] or documented
     # Equal shares leave the more certain reading in front.
     best = max(named_readings, key=attrgetter("share"), default=None)
-    if best and best.way.is_named and not best.way.by_keys and best.hangs_together:
+    if best and best.way.is_named and best.hangs_together:
         further_readings = []
     else:
         further_readings = [reading for reading in guesses if reading.rows]
@@ -201,36 +206,23 @@ def choose(
     # Of two readings of the same recipes, the one that lacks none; of equal ones the best.
     alike = [best, *(reading for reading in documented if reading.is_like(best))]
     best = max(alike, key=lambda reading: len(reading.recipes))
-    different = [
-        reading
-        for reading in (*documented, *further_readings)
-        if not reading.is_like(best) and reading.is_clean
-    ]
     rivals = [
         reading
-        for reading in different
-        if reading.hangs_together
-        and (reading.way.is_documented or reading.contradictions <= best.contradictions)
+        for reading in (*documented, *further_readings)
+        if not reading.is_like(best) and reading.is_clean and reading.is_rival_of(best)
     ]
     if best.is_mostly_single and not allows_single:
         problem = (
             f"read as {_shown(best)}, most rows have one ingredient: they may be parts of recipes"
         )
         raise _several(path, problem, rivals, anchor)
-    if best.hangs_together:
-        # A much looser reading is none; another order of the same labels is one if it is less odd.
-        rivals = [reading for reading in different if reading.is_rival_of(best)]
-        if rivals:
-            readings = [best, *rivals] if best.is_clean else rivals
-            raise _several(path, "two readings fit", readings, anchor)
-        return best
-    # Names of rows may be no results if none is used, and another key may hold the results; and
-    # numbers beside labels may be properties.
-    is_counted = best.way.is_named and best.way.results[-1][-1] == KEY
-    is_unused = (
-        not best.way.is_named and bool(best.reading.ignored) and len(best.results) >= _FEWEST_UNUSED
-    )
-    if rivals or is_counted or is_unused or len(best.results) >= FEWEST_RESULTS:
+    if best.hangs_together and rivals:
+        readings = [best, *rivals] if best.is_clean else rivals
+        raise _several(path, "two readings fit", readings, anchor)
+    # Names of rows may be no results if another key may hold the results.
+    is_unsure = not best.way.is_named and bool(best.reading.ignored)
+    fewest_results = _FEWEST_NAMES if is_unsure else FEWEST_RESULTS
+    if not best.hangs_together and (rivals or len(best.results) >= fewest_results):
         raise _loose(path, best, rivals, anchor)
     return best
 

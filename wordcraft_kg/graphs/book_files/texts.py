@@ -13,23 +13,19 @@ from functools import cache
 from itertools import chain, takewhile
 from operator import ne
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
 from wordcraft_kg.base import ConfigError, counted
-from wordcraft_kg.graphs.book_files.cells import ambiguity, is_number, read_labels, trim_unseen
+from wordcraft_kg.graphs.book_files.cells import is_number, table_fault, trim_unseen
 from wordcraft_kg.graphs.book_files.documents import Document
 from wordcraft_kg.graphs.book_files.rows import (
-    INFINITE_CRAFT_BASE,
     MAX_LINE_LENGTH,
-    Entry,
     Fault,
     FileRows,
     LeftOut,
-    Row,
     refusal,
-    without_nothing,
 )
 from wordcraft_kg.graphs.book_files.words import (
     EACH,
@@ -320,7 +316,7 @@ def _document(
         name if name and name not in names[:at] else f"{name or 'column'} {at + 1}"
         for at, name in enumerate(names)
     ] or [str(at + 1) for at in range(width)]
-    document = Document([], is_table=True)
+    document = Document([], is_table=True, fault=table_fault)
     # Labels may be words of columns, but hardly those right below the header; in our own tables
     # they stand as they are.
     words_of_columns = chain(filter(is_documented, names), *(row.cells for row in heads[1:2]))
@@ -400,78 +396,59 @@ def looks_like_lines(text: str) -> bool:
     return bool(content) and len(sums) >= _ENOUGH * len(content)
 
 
-def read_lines(path: Path, text: str, *, fold: bool = False) -> FileRows:
-    """Read a text with a sum, a sign and results on each line.
+def read_lines(path: Path, text: str) -> tuple[FileRows, Document]:
+    """Read a text with a sum, a sign and results on each line, as a document.
 
     Args:
         path: the file, for errors.
         text: its text.
-        fold: whether labels are in lower case.
+
+    Returns:
+        What is known of the rows, and the document: records of a sum and a list of results.
 
     Raises:
         RecipeFileError: if a sum is behind a sign, or many lines have the same mark.
     """
-    source = FileRows(Reading(shape="lines a + b = c", columns=("sum", "result")))
-    entries: list[Entry] = []
-    several_outputs = 0
+    source = FileRows(Reading(shape="lines a + b = c"))
+    document = Document([], is_table=True, fault=_label_fault)
     for number, line in enumerate(io.StringIO(text, newline=""), start=1):
+        sides = [side.strip() for side in _SIGN.split(line)]
         if not line.strip():
             continue
         if _is_heading(line):
             fault = read_directive(source, number, line)
-            entries.append(fault or LeftOut(number, "headings or comments"))
+            document.others.append(fault or LeftOut(number, "headings or comments"))
         elif len(line) > MAX_LINE_LENGTH:
-            entries.append(Fault(number, "row", too_long(line), "long"))
+            document.others.append(Fault(number, "row", too_long(line), "long"))
+        elif len(sides) != 2:
+            sample = repr(line.strip()[:80])
+            message = f"{sample} has no sign such as = or ->, or several; expected a + b = c."
+            document.others.append(Fault(number, "row", message, "no sign"))
+        elif "+" in sides[1]:
+            raise refusal(
+                path,
+                f"line {number} has a sum behind its sign",
+                "lines",
+                "The result is last: sed -E 's/(.*) = (.*)/\\2 = \\1/' b.txt > c.txt.",
+            )
         else:
-            sides = [side.strip() for side in _SIGN.split(line)]
-            if len(sides) == 2 and "+" in sides[1]:
-                raise refusal(
-                    path,
-                    f"line {number} has a sum behind its sign",
-                    "lines",
-                    "The result is last: sed -E 's/(.*) = (.*)/\\2 = \\1/' b.txt > c.txt.",
-                )
-            line_entries = list(_recipes(number, line, sides))
-            several_outputs += len(line_entries) > 1
-            entries += line_entries
-    rows = [entry for entry in entries if isinstance(entry, Row)]
-    labels = read_labels(rows, label_fault, fold=fold)
-    source.entries = [labels.row(entry) if isinstance(entry, Row) else entry for entry in entries]
-    source.reading = replace(source.reading, several_outputs=several_outputs)
-    labels.finish(source)
-    # Each label of Infinite Craft's base as a word of its own.
-    if all(re.search(rf"\b{word}\b", text) for word in INFINITE_CRAFT_BASE):
-        source.entries = without_nothing(source.entries, fold=fold)
-    _check_marks(path, rows)
-    return source
+            document.places.append(number)
+            results = [result.strip() for result in sides[1].split(",")]
+            document.value.append({"sum": sides[0], "result": results})
+    _check_marks(path, document.value)
+    return source, document
 
 
-def _recipes(number: int, line: str, sides: Sequence[str]) -> Iterator[Entry]:
-    """Yield a recipe for each result of a line, between commas, or the line's fault."""
-    if len(sides) != 2:
-        sample = repr(line.strip()[:80])
-        message = f"{sample} has no sign such as = or ->, or several; expected a + b = c."
-        yield Fault(number, "row", message, "no sign")
-        return
-    # A plus without spaces is part of a label if there is one with.
-    plus = " + " if " + " in sides[0] else "+"
-    ingredients = [part.strip() for part in sides[0].split(plus)]
-    for result in map(str.strip, sides[1].split(",")):
-        # Each fault once, in the order of the labels.
-        faults = dict.fromkeys(filter(None, map(_label_fault, (*ingredients, result))))
-        message = ambiguity(ingredients, "+") or " Also, ".join(faults)
-        yield Fault(number, "label", message) if message else Row(number, ingredients, result)
-
-
-def _check_marks(path: Path, rows: Sequence[Row]) -> None:
+def _check_marks(path: Path, records: Sequence[dict[str, Any]]) -> None:
     """Refuse lines of which many begin or end alike, as with a mark that is no part of a label.
 
     Raises:
         RecipeFileError: naming what they share.
     """
-    first = [row.ingredients[0] for row in rows]
-    inner = [label for row in rows for label in row.ingredients[1:]]
-    last = [row.result for row in rows]
+    sums = [re.split(r"\s*\+\s*", record["sum"]) for record in records]
+    first = [ingredients[0] for ingredients in sums]
+    inner = list(chain.from_iterable(ingredients[1:] for ingredients in sums))
+    last = list(chain.from_iterable(record["result"] for record in records))
     for verb, pattern, ends, opposite in (
         ("begin", _PREFIX, first, last),
         ("end", _SUFFIX, last, first),

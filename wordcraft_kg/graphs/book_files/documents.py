@@ -606,7 +606,6 @@ def _candidate(
         entries=[labels.row(entry) if isinstance(entry, Row) else entry for entry in entries],
         texts=labels,
         fold=fold,
-        num_unmade=sum(any(raw.parts) and not any(raw.results) for raw in raws),
     )
 
 

@@ -63,7 +63,6 @@ class ReadingCandidate:
         reading: the record of this reading, with these paths as text in ``columns``.
         entries: recipes, faults and rows left out.
         texts: the labels of its texts.
-        num_unmade: number of rows with ingredients and without a result.
         fold: whether labels will be in lower case.
     """
 
@@ -71,7 +70,6 @@ class ReadingCandidate:
     reading: Reading
     entries: Sequence[Entry]
     texts: FileLabels
-    num_unmade: int
     fold: bool
 
     @cached_property
@@ -190,9 +188,6 @@ def choose(
             the commands that read the file.
     """
     documented = [reading for reading in candidates if reading.rows]
-    # A key of results that most rows lack is hardly that of their results.
-    complete = [reading for reading in documented if reading.num_unmade <= len(reading.rows)]
-    documented = complete or documented
     named_readings = [reading for reading in documented if reading.way.is_named] or documented
     # Equal shares leave the more certain reading in front.
     best = max(named_readings, key=attrgetter("share"), default=None)

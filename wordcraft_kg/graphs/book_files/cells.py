@@ -307,7 +307,6 @@ class FileLabels:
         label_of: label by text.
         faults: why a text is no label, by text.
         pieces: number of pieces by text, where texts hold such numbers.
-        example: a text with a number of pieces; empty if none is left out.
         trimmed: cells with characters at their ends that cannot be seen.
         counts_dropped: numbers of pieces other than one that were left out.
     """
@@ -315,14 +314,13 @@ class FileLabels:
     label_of: dict[str, str] = field(default_factory=dict)
     faults: dict[str, str] = field(default_factory=dict)
     pieces: dict[str, int] = field(default_factory=dict)
-    example: str = ""
     trimmed: int = 0
     counts_dropped: int = 0
 
     def label(self, text: str) -> str:
         """Return the label of an entity that is declared or listed, which counts for nothing."""
         label = trim_unseen(text)
-        counted_label = count_in(label) if self.example else None
+        counted_label = count_in(label) if self.pieces else None
         return label if counted_label is None else counted_label[0]
 
     def finish(self, source: FileRows) -> None:
@@ -330,12 +328,12 @@ class FileLabels:
         if source.base is not None:
             source.base = {self.label(text): place for text, place in source.base.items()}
         source.listed = {self.label(text): place for text, place in source.listed.items()}
-        note = f"numbers read as pieces, such as '{self.example[:60]}'"
+        examples = [f"numbers read as pieces, such as '{text[:60]}'" for text in self.pieces][:1]
         source.reading = replace(
             source.reading,
             trimmed=source.reading.trimmed + self.trimmed,
             counts_dropped=source.reading.counts_dropped + self.counts_dropped,
-            notes=(*([note] if self.example else []), *source.reading.notes),
+            notes=(*examples, *source.reading.notes),
         )
 
     def row(self, row: Row) -> Entry:
@@ -401,7 +399,6 @@ def _clean(labels: FileLabels, rows: Sequence[Row], uses: Counter[str]) -> None:
             labels.faults.setdefault(text, str(label_fault(label)))
     if not _are_counts(bare, labels, rows, uses):
         return
-    labels.example = next(iter(bare))
     for text, (label, number) in bare.items():
         labels.label_of[text] = label
         labels.pieces[text] = number

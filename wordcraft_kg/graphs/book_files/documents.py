@@ -55,13 +55,11 @@ from wordcraft_kg.graphs.book_files.words import (
     CSV_HEADER,
     EACH,
     ID,
-    IGNORED,
     INGREDIENT,
     KEY,
     KIND,
     LOOPS,
     NAME,
-    ORDINAL,
     QUANTITIES,
     VALUES,
     Path,
@@ -427,10 +425,8 @@ def _are_records(objects: Sequence[dict[str, Any]]) -> bool:
     """
     counts = Counter(chain.from_iterable(objects))
     documented_keys = [key for key in counts if is_documented(key)]
-    values = [value for record in objects for value in record.values() if value is not None]
-    properties = [key for key in counts if words_of(key) & (COUNT | IGNORED)]
-    is_large = len(counts) > _MOST_KEYS and 2 * len(documented_keys) < len(counts)
-    if is_large or all(map(str.isdecimal, counts)):
+    values = list(chain.from_iterable(record.values() for record in objects))
+    if all(map(str.isdecimal, counts)):
         return False
     if len(objects) > 1:
         if any(counts[key] * 2 > len(objects) for key in documented_keys):
@@ -439,17 +435,10 @@ def _are_records(objects: Sequence[dict[str, Any]]) -> bool:
         # Labels of a map are values of it as well; properties are not.
         is_dense = len(values) > _DENSE * len(objects) * len(counts)
         return is_dense and texts.isdisjoint(counts)
-    if not documented_keys:
-        return False
-    if len(values) > 1 and all(isinstance(value, dict) and value for value in values):
-        return not _are_records(values)
-    kinds = {isinstance(value, dict | list) for value in values}
-    ordinal_keys = [key for key in counts if words_of(key) & ORDINAL]
-    return (
-        len(kinds) > 1
-        or bool(ordinal_keys or properties)
-        or len(documented_keys) * 2 >= len(counts)
-    )
+    if len(values) > 1 and all(values) and _are_objects(values):
+        return bool(documented_keys) and not _are_records(values)
+    words = [key for key in counts if is_documented(key) or has_role(key) or not is_plain(key)]
+    return bool(documented_keys) and 2 * len(words) >= len(counts)
 
 
 def _names(value: Any) -> list[Names]:

@@ -7,7 +7,7 @@ reading that does. A reading that the user names is taken at their word.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
@@ -99,13 +99,6 @@ class ReadingCandidate:
     def hangs_together(self) -> bool:
         """Whether enough results are ingredients of other recipes."""
         return self.share > LEAST_REUSED
-
-    @cached_property
-    def folded_share(self) -> float:
-        """This share if all labels were in lower case."""
-        return share_of_reused(
-            ([part.lower() for part in parts], result.lower()) for parts, result in self.recipes
-        )
 
     @cached_property
     def contradictions(self) -> int:
@@ -241,9 +234,7 @@ def _undocumented(
     """
     clean = [reading for reading in readable if reading.is_clean]
     ways = [
-        reading
-        for reading in clean
-        if reading.folded_share > max(LEAST_REUSED, 1 / len(reading.results))
+        reading for reading in clean if reading.share > max(LEAST_REUSED, 1 / len(reading.results))
     ]
     # The columns of a small table without a header may be in any order.
     ways = ways or [reading for reading in clean if reading.way.is_order]
@@ -271,7 +262,7 @@ def _loose(
         f"read as {_shown(best)}, {best.share * num_results:.0f} of {num_results:,} results are "
         "ingredients of other recipes, so that this reading may be wrong"
     )
-    if best.folded_share > LEAST_REUSED:
+    if replace(best, fold=True).hangs_together:
         return refusal(path, problem, anchor, "Labels differ in case only: --case fold joins them.")
     if not rivals and best.way.is_named and best.is_clean:
         return refusal(

@@ -23,15 +23,7 @@ from wordcraft_kg.graphs.book_files.rows import (
     Row,
     fault_at,
 )
-from wordcraft_kg.graphs.book_files.words import (
-    RESULT,
-    has_role,
-    is_id,
-    is_name,
-    is_plain,
-    name_rank,
-    words_of,
-)
+from wordcraft_kg.graphs.book_files.words import label_key
 from wordcraft_kg.graphs.recipes import count_in, is_missing, label_fault, shown
 
 UNSEEN = "".join(
@@ -112,15 +104,12 @@ def labels_in(value: Any, beside: dict[str, list[Any]]) -> list[str] | None:
         return None if None in parts else list(chain.from_iterable(filter(None, parts)))
     if not isinstance(value, dict) or any(isinstance(part, list | dict) for part in value.values()):
         return None
-    # A record has keys of several roles.
-    roles = [key for key in value if has_role(key) and is_plain(key)]
-    names = [key for key in value if key not in roles and (is_name(key) or is_id(key))]
-    if len(roles) + bool(names) != 1 or any(words_of(key) & RESULT for key in roles):
+    name = label_key(tuple(value))
+    if name is None:
         return None
-    label_key = min([*roles, *names], key=name_rank)
-    for key in value.keys() - {label_key}:
+    for key in value.keys() - {name}:
         beside.setdefault(key, []).append(value[key])
-    return labels_in(value[label_key], beside)
+    return labels_in(value[name], beside)
 
 
 def find_joiner(cells: Sequence[str], *, in_all: bool = False) -> str | None:

@@ -3,10 +3,11 @@
 A column of a document has a path, and its cells are texts, numbers, or lists and objects that hold
 labels. Documented words name the columns of ingredients and results (``words``); the shapes
 ``{result: [[a, b]]}`` and ``{a: {b: result}}`` need no words, and the option `columns` names any
-path. The rule takes one of these ways. A path has keys after points, ``[]`` for each element of a
-list, ``[0]`` for its first one, ``{}`` for each value of an object, and ``{key}`` at its end for the
-keys of an object. A backslash takes a sign in a key as it is. Paths that begin alike go through the
-same lists together. ``layouts`` has formats of their own.
+path. The rule takes one of these ways.
+
+A path has keys after points, ``[]`` for each element of a list, ``[0]`` for its first one, ``{}``
+for each value of an object, and ``{key}`` at its end for the keys of an object. A backslash takes a
+sign in a key as it is. Paths that begin alike go through the same lists together.
 """
 
 import math
@@ -459,8 +460,8 @@ def _objects(value: Any) -> Iterator[dict[str, Any]]:
         inner = values.pop()
         if isinstance(inner, dict):
             yield inner
-        if isinstance(inner, dict | list):
-            values += inner.values() if isinstance(inner, dict) else inner
+        members = inner.values() if isinstance(inner, dict) else inner
+        values += [member for member in members if isinstance(member, list | dict)]
 
 
 @lru_cache(maxsize=1_000)

@@ -384,10 +384,10 @@ class BookRows:
         single = self.options.single_ingredient
         if single is None and not self._has_sets:
             message = (
-                f"'{label}' is the only ingredient, in a book of pairs. Write it twice, or build the "
-                f"graph with `single_ingredient` {_SELF} (which reads {label} + {label}), {_ALONE} (a "
-                "recipe of one ingredient), or the name of what it is combined with. If it is no "
-                "ingredient, name the right columns with `columns`."
+                f"'{label}' is the only ingredient, in a book of pairs. Write it twice, or build "
+                f"the graph with `single_ingredient` {_SELF} (which reads {label} + {label}), "
+                f"{_ALONE} (a recipe of one ingredient), or the name of what it is combined with. "
+                "If it is no ingredient, name the right columns with `columns`."
             )
             return fault_at(place, "label", message)
         second = {None: (), _ALONE: (), _SELF: (label,)}.get(single, (single,))

@@ -234,7 +234,9 @@ def _undocumented(
     """
     clean = [reading for reading in readable if reading.is_clean]
     ways = [
-        reading for reading in clean if reading.share > max(LEAST_REUSED, 1 / len(reading.results))
+        reading
+        for reading in clean
+        if replace(reading, fold=True).share > max(LEAST_REUSED, 1 / len(reading.results))
     ]
     # The columns of a small table without a header may be in any order.
     ways = ways or [reading for reading in clean if reading.way.is_order]

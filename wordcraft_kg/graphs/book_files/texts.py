@@ -278,10 +278,7 @@ def read_table(
     if not source.is_exact:
         sample = [line for _, line in lines[:_SAMPLE_ROWS] if line.strip()]
         if any(_RULE.fullmatch(line.strip()) for line in sample):
-            remedy = (
-                r"""Without its frame: grep '|' b.md | grep -v -e '--' | sed 's/^ *| *//; """
-                r"""s/ *| *$//' > c.csv."""
-            )
+            remedy = r"Without frame: sed -n '/--/d; s/^ *| *//; s/ *| *$//p' b.md > c.csv."
             raise refusal(path, "a table of Markdown, which is not read", "table", remedy)
         delimiter = delimiter or _guess_delimiter(path, sample, usual)
     source.reading = Reading(shape="table", delimiter=delimiter or usual)
@@ -374,9 +371,9 @@ _LINE = re.compile(rf"[^,;\t|]*\+[^,;\t|]*(?:{_SIGN.pattern})|[^,;\t|]*(?:{_SIGN
 _HEADING = re.compile(r"\s*(?:#|//|={2,}|-{2,}|\*{2,}|`{3}|\[[^\]+=]*\]\s*$|[^+=:]*:\s*$)")
 _TAG = re.compile(r"#[\w.-]+:\w")  # a label of Minecraft, such as #minecraft:planks
 _LEFT_OVER = re.compile(
-    r"^[=<>~≈|:;*\"“„«`☐☑☒✓✔✅]|^'.*'$|^__|^[-•–·◦▪‣+]\s|^--|^\(?\d+[.)\]:](?:\s|[^\W\d])|^\[[ xX\d]*\]\s"
-    r"|^\d+\s+[-–—]\s|[=<>~≈|:;*\"”`\\✓✔✅]\ufe0f?$|\s[-–—]$|[→⇒⟶⟹➡⇨➔➜←⇐⟵⟸⬅⇦≈]|\[\[|\]\]|;\s"
-    r"|\s(?:[=<>~|#/]|//|:=)\s|\]\(|&gt;"
+    r"^[=<>~≈|:;*\"“„«`☐☑☒✓✔✅]|^'.*'$|^__|^--|^[-•–·◦▪‣+]\s|^\d+\s+[-–—]\s|^\[[ xX\d]*\]\s"
+    r"|^\(?\d+[.)\]:](?:\s|[^\W\d])|[=<>~≈|:;*\"”`\\✓✔✅]\ufe0f?$|\s[-–—]$|[→⇒⟶⟹➡⇨➔➜←⇐⟵⟸⬅⇦≈]"
+    r"|\[\[|\]\]|\]\(|;\s|&gt;|\s(?:[=<>~|#/]|//|:=)\s"
 )
 """Signs, quotes, marks of lists, and comments, that a label does not hold."""
 _PREFIX = re.compile(r"^(?:[^\w\s\"'(#]+\s*|.{0,30}?[:\])|]\s+|\S*\d\S*\s+)(?=.)")

@@ -139,6 +139,7 @@ _SLOT = WEAK | ID | {"name"}
 _NAMES = frozenset(NAME)
 _KNOWN = RESULT | INGREDIENT | CONTAINERS | ID
 _PROPERTIES = COUNT | IGNORED
+_ROLES = INGREDIENT | RESULT | SUMS | ORDINAL | {"in"}
 
 
 class Way(NamedTuple):
@@ -192,8 +193,7 @@ def name_rank(key: str) -> int:
 
 def has_role(key: str) -> bool:
     """Return whether a key has a word for ingredients, results or recipes."""
-    words = words_of(key)
-    return bool(words & (INGREDIENT | RESULT | SUMS | ORDINAL)) or words == {"in"}
+    return not words_of(key).isdisjoint(_ROLES)
 
 
 def _role(path: Path, *, is_list: bool) -> str:
@@ -270,3 +270,20 @@ def _plain_words(family: Iterable[Path]) -> frozenset[str]:
 def _rank(thing: Path) -> int:
     """Return a key by which names come before ids and the keys of a map."""
     return 4 * len(NAME) if thing[-1] == KEY else name_rank(thing[-1][1:])
+
+
+@lru_cache(maxsize=1_000)
+def label_key(keys: tuple[str, ...]) -> str | None:
+    """Return the key of an object with the label of a thing.
+
+    Args:
+        keys: all keys.
+
+    Returns:
+        The key; None without one, or for a record, which has keys of several roles.
+    """
+    roles = [key for key in keys if has_role(key) and is_plain(key)]
+    names = [key for key in keys if key not in roles and (is_name(key) or is_id(key))]
+    has_one_role = len(roles) + bool(names) == 1
+    is_result = any(words_of(key) & RESULT for key in roles)
+    return min([*roles, *names], key=name_rank) if has_one_role and not is_result else None

@@ -100,7 +100,7 @@ def labels_in(value: Any, beside: dict[str, list[Any]]) -> list[str] | None:
     if is_number(value):
         return [f"{NUMBER}{value}"]
     if isinstance(value, list):
-        parts = [labels_in(part, beside) for part in value]
+        parts = [None if isinstance(part, list) else labels_in(part, beside) for part in value]
         return None if None in parts else list(chain.from_iterable(filter(None, parts)))
     if not isinstance(value, dict) or any(isinstance(part, list | dict) for part in value.values()):
         return None

@@ -392,8 +392,9 @@ def _collect(cells: Columns, path: Path, values: Sequence[Any]) -> None:
     """
     values = [value for value in values if value not in (None, [], {})]
     elements = chain.from_iterable(value for value in values if isinstance(value, list))
-    # The labels of ingredients and results may be names in objects.
-    is_column = has_role(_key(path)) and None not in [labels_in(each, {}) for each in values]
+    # The labels of ingredients and results may be names in objects, and these in lists.
+    parts = chain.from_iterable(each if isinstance(each, list) else [each] for each in values)
+    is_column = has_role(_key(path)) and all(labels_in(part, {}) is not None for part in parts)
     if is_column or not values or len(path) > MOST_STEPS:
         cells.setdefault(path, []).extend(values)
     elif all(isinstance(value, list) for value in values) and _are_objects(elements):

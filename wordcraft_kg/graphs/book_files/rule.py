@@ -30,6 +30,7 @@ FEWEST_RESULTS = 20
 _FEWEST_NAMES = 5  # if they are names of rows beside other columns
 _LIKE = 0.5  # share of the rows by which two readings are one
 _MOST_READINGS = 4  # in a refusal
+_NAME_COLUMNS = "Name the ingredients and, last, the result with --columns."
 _FEWEST_ELEMENTS = 2  # one alone, such as water, is a usual thing to make
 _FEWEST_ROWS = 50
 _MARGIN = 0.1
@@ -266,14 +267,10 @@ def _loose(
     )
     if replace(best, fold=True).hangs_together:
         return refusal(path, problem, anchor, "Labels differ in case only: --case fold joins them.")
-    if not rivals and best.way.is_named and best.is_clean:
-        return refusal(
-            path,
-            problem,
-            anchor,
-            f"If it is right, as in chemistry or cooking, say so: {best.command}.",
-        )
-    return _several(path, problem, rivals, anchor)
+    remedy = _NAME_COLUMNS
+    if best.way.is_named and best.is_clean:
+        remedy = f"If it is right, as in chemistry or cooking, say so: {best.command}."
+    return _several(path, problem, rivals, anchor, remedy)
 
 
 def _shown(candidate: ReadingCandidate) -> str:
@@ -283,12 +280,15 @@ def _shown(candidate: ReadingCandidate) -> str:
 
 
 def _several(
-    path: Path, problem: str, readings: Sequence[ReadingCandidate], anchor: str
+    path: Path,
+    problem: str,
+    readings: Sequence[ReadingCandidate],
+    anchor: str,
+    remedy: str = _NAME_COLUMNS,
 ) -> RecipeFileError:
+    """Return the error with the commands of several readings, or a remedy without any."""
     if not readings:
-        return refusal(
-            path, problem, anchor, "Name the ingredients and, last, the result with --columns."
-        )
+        return refusal(path, problem, anchor, remedy)
     texts = list(dict.fromkeys(map(str, readings)))
     shown = " or ".join(texts[:_MOST_READINGS])
     return refusal(path, f"{problem}: {shown}", anchor, "Choose with --columns.")

@@ -337,7 +337,7 @@ REFUSED = {
     "potions by effects": ([{"name": n, "effects": ["heal", "rest"]} for n in NAMES], "effects"),
     "uses": ([{"name": a, "usedIn": [c]} for a, _, c in ROWS], "usedIn"),
     "edges": ([{"source": a, "target": c} for a, _, c in ROWS], "target"),
-    "items without recipes": ([{"name": n, "weight": 3} for n in NAMES], "'name', 'weight'"),
+    "items without recipes": ([{"name": n, "weight": 3} for n in NAMES], "'[].name', '[].weight'"),
     "cooking of many dishes": (
         [{"name": f"dish {i}", "ingredients": [f"a{i % 7}", f"b{i % 5}"]} for i in range(40)],
         "0 of 40 results are ingredients of other recipes",

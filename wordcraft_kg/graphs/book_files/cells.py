@@ -364,7 +364,10 @@ def read_labels(
             name = (name or text).removeprefix(NUMBER)
         if name is None or name.startswith(NUMBER):
             belongs = "belongs to several things" if name is None else "is the id of nothing here"
-            message = f"{text.removeprefix(NUMBER)[:80]!r} {belongs}; give names instead."
+            message = (
+                f"{text.removeprefix(NUMBER)[:80]!r} {belongs}; give names, or other columns with "
+                "--columns."
+            )
         else:
             labels.label_of[text] = name
             message = fault(name) or ""

@@ -84,7 +84,6 @@ _STEP = re.compile(r"\[\d*\]|\{(?:key)?\}|\.?((?:\\.|[^.\[\]{}\\])+)")
 MOST_STEPS = 50
 """Steps of the longest path."""
 _MOST_ROWS = 1_000_000  # of lists that are combined with each other
-_MOST_KEYS = 40  # of an object that is no map of labels
 _DENSE = 0.5  # share of an object's keys that its siblings have as well
 _MOST_PATHS = 12  # in a refusal
 _MOST_WAYS = 60  # that are tried
@@ -177,9 +176,10 @@ def read_document(
         guesses = (read_candidate(way) for way in ways if not way.is_documented)
         choice = choose(path, documented, guesses, anchor, allows_single=allows_single)
         if choice is None:
+            shown = _shown_paths(cells, is_table=document.is_table)
             raise refusal(
                 path,
-                f"no documented words name ingredients and a result; {_shown_paths(cells)}",
+                f"no documented words name ingredients and a result; {shown}",
                 anchor,
                 "Name them with --columns.",
             )
@@ -243,9 +243,8 @@ def _given(document: Document, columns: Sequence[str], cells: Columns) -> Way:
         if not any(True for _ in leaves(Located("", document.value), steps)):
             hint = nearest(text, [path_text(path, document.is_table) for path in cells])
             grammar = "" if document.is_table else f" A path is {GRAMMAR}."
-            raise ConfigError(
-                f"`columns` {text!r}: no such column; {_shown_paths(cells)}.{hint}{grammar}"
-            )
+            shown = _shown_paths(cells, is_table=document.is_table)
+            raise ConfigError(f"`columns` {text!r}: no such column; {shown}.{hint}{grammar}")
     return Way(tuple(paths[:-1]), (paths[-1],))
 
 
@@ -273,10 +272,9 @@ def parse_path(text: str) -> Path:
 
 
 def path_text(path: Path, is_table: bool = False) -> str:
-    """Return a path as the option has it: of a table, the name or number of a column."""
+    """Return a path as the option has it: of a table, the name of a column."""
     if is_table:
-        name = path[-1]
-        return name[1:] if name.startswith(".") else str(int(name[1:-1]) + 1)
+        return path[-1].removeprefix(".")
     keys = ("." + re.sub(r"([.\[\]{}\\])", r"\\\1", step[1:]) for step in path)
     steps = (key if step.startswith(".") else step for key, step in zip(keys, path, strict=True))
     return "".join(steps).replace("{}{key}", KEY).removeprefix(".")
@@ -480,12 +478,11 @@ def _ids_and_names(keys: tuple[str, ...]) -> list[tuple[str, str]]:
 _NAME_WORDS = frozenset(NAME)
 
 
-def _shown_paths(cells: Columns) -> str:
-    names = [path_text(path)[:40].removeprefix("[].") for path in cells][:_MOST_PATHS]
+def _shown_paths(cells: Columns, *, is_table: bool) -> str:
+    names = [path_text(path, is_table)[:80] or EACH for path in cells][:_MOST_PATHS]
     if all(map(str.isdecimal, names)):
         names = [str(cells[path][0])[:40] for path in cells][:_MOST_PATHS]  # no header
-    shown = listed(list(map(repr, names)), _MOST_PATHS, len(cells))
-    return f"the file has {shown or 'no labels'}"
+    return f"the file has {listed(list(map(repr, names)), _MOST_PATHS, len(cells))}"
 
 
 # --- ways to read a document ---------------------------------------------------------------------

@@ -591,7 +591,8 @@ TEXTS = [
         lambda: wk.open_book("half.csv"),
         "RecipeFileError: half.csv, line 2: 'flour' is the only ingredient, in a book of pairs. "
         "Write it twice, or build the graph with `single_ingredient` self (which reads flour + "
-        "flour), alone (a recipe of one ingredient), or the name of what it is combined with.",
+        "flour), alone (a recipe of one ingredient), or the name of what it is combined with. If it "
+        "is no ingredient, name the right columns with `columns`.",
     ),
     (
         lambda: wk.SplitConfig("by-goals"),

@@ -159,7 +159,7 @@ BAD_JSON = {
     "null": ("null", "book.json has no recipe to keep"),
     "no recipes": (
         '{"entities": ["a"]}',
-        "book.json: no documented words name ingredients and a result; the file has 'entities[]'",
+        "book.json: no documented words name ingredients and a result; the file has 'entities'",
     ),
     "nested too deeply": ("[" * 200_000, "book.json: nested too deeply for a recipe book"),
     "huge number": ('{"entities": ' + "1" * 5000 + "}", "book.json"),

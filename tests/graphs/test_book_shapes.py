@@ -316,7 +316,7 @@ REFUSED = {
         "b.csv",
         r"two delimiters fit: \['a;b', 'x;d', 'y;f'\] \(commas\) or",
     ),
-    "sums on both sides": ("a + b = c\nd = e + f\n", "b.txt", "sums on either side"),
+    "sums on both sides": ("a + b = c\nd = e + f\n", "b.txt", "line 2 has a sum behind its sign"),
 }
 
 

@@ -15,7 +15,7 @@ from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, read_book, write_book
 from wordcraft_kg.graphs.book_files import book_name
 from wordcraft_kg.graphs.book_files.reader import BookRows
-from wordcraft_kg.graphs.book_files.texts import Dialect, cells_of
+from wordcraft_kg.graphs.book_files.texts import cells_of
 from wordcraft_kg.graphs.recipes import alike_labels, case_variants, check_label
 
 TABLE = "ingredient_a,ingredient_b,result\n"
@@ -118,9 +118,9 @@ def test_trimming_takes_only_spaces_outside_of_quotes(cells, around, delimiter):
     quoted = ['"' + cell.replace('"', '""') + '"' for cell in cells]
     padded = zip(around[::2], quoted, around[1::2], strict=True)
     loose = delimiter.join("".join(parts) for parts in padded)
-    assert cells_of(loose + "\r\n", Dialect(delimiter)) == cells
+    assert cells_of(loose + "\r\n", delimiter) == cells
     long = '"a"' + " " * 99_000 + ",b"  # in linear time
-    assert cells_of(long, Dialect(",")) == ["a", "b"]
+    assert cells_of(long, ",") == ["a", "b"]
 
 
 KINDS = TABLE.replace("result", "result,kind")

@@ -56,8 +56,6 @@ SHAPES = {
     + "".join(";".join([row[-1], *row[:-1], *[""] * (6 - len(row))]) + "\n" for row in ROWS),
     "cells.csv": "ingredients,result\n"
     + "".join(f"{' + '.join(row[:-1])},{row[-1]}\n" for row in ROWS[:4]),
-    "lists.csv": "ingredients,result\n"
-    + "".join(f'"{list(row[:-1])}",{row[-1]}\n' for row in ROWS),
     "lines.txt": "".join(f"{' + '.join(row[:-1])} -> {row[-1]}\n" for row in ROWS[:4]),
     "by-result.json": json.dumps({row[-1]: [row[:-1]] for row in ROWS}),
     "records.json": json.dumps([{"ingredients": row[:-1], "result": row[-1]} for row in ROWS]),

@@ -1,12 +1,10 @@
 """The labels in cells: pieces of a cell, and the label that each text of a file stands for.
 
-Each different text is judged once, for all rows: characters at its ends that cannot be seen, quotes
-and markup are left out; numbers such as in ``2 water`` are left out if many texts have them; an id
-becomes the name that the file gives it. What still looks like more than a label is a fault.
+Each different text is judged once, for all rows: characters at its ends that cannot be seen are
+left out; numbers such as in ``2 water`` are left out if many texts have them; an id becomes the
+name that the file gives it. What still looks like more than a label is a fault.
 """
 
-import ast
-import json
 import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -16,7 +14,6 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.book_files.rows import (
     WITHOUT,
     Entry,
@@ -26,7 +23,7 @@ from wordcraft_kg.graphs.book_files.rows import (
     Row,
     fault_at,
 )
-from wordcraft_kg.graphs.book_files.words import is_documented, name_rank, names_thing
+from wordcraft_kg.graphs.book_files.words import label_key
 from wordcraft_kg.graphs.recipes import count_in, is_missing, label_fault, shown
 
 UNSEEN = "".join(
@@ -43,6 +40,10 @@ NUMBER = "\x01"
 Names = Mapping[str, str | None]
 """Names by id; None for an id of several names."""
 _OWN_NAMES = "ingredient_a,ingredient_b,result"
+_WITHOUT_BRACKETS = (
+    "leave its brackets out, in Python "
+    """table["ingredients"].map(lambda cell: ";".join(ast.literal_eval(cell)))."""
+)
 OWN_COLUMNS = (
     "Write each ingredient in a column of its own, as in ingredient_a,ingredient_b,ingredient_c,"
     "result, and one recipe in each row."
@@ -53,11 +54,22 @@ OWN_COLUMNS = (
 
 JOINERS = (" + ", "+", ";", "|", "\n", "<br>", ",", "、", "，")
 """Signs between ingredients in one cell, the more certain ones first; cells without are single."""
-WEAK_JOINERS = (" and ", " & ", "&", " x ", " × ", "×", " X ", " und ", " et ", " y ", "/", " - ")
-"""Signs that labels hold as well: between ingredients if each cell has one."""
+_SIGNS_IN_LABELS = (
+    " and ",
+    " & ",
+    "&",
+    " x ",
+    " × ",
+    "×",
+    " X ",
+    " und ",
+    " et ",
+    " y ",
+    "/",
+    " - ",
+)
+"""Signs that labels hold as well; cells that all have one are not read."""
 _OFTEN = 0.5  # share of the cells with a joiner
-_LISTED = re.compile(r"\s*[\[({]\s*(?:[\[({]\s*)?[\"'].*[\])}]\s*", re.DOTALL)
-_MOST_BRACKETS = 1_000  # in a cell; deeper lists are no recipes
 _MOST_WITHOUT_GRID = 3  # ingredients; more may be the slots of a crafting grid
 _OPENING, _CLOSING = ("(", "[", "{"), (")", "]", "}")
 _ALTERNATIVE = re.compile(r"[;|]| or | / |<br\s*/?>|, ", re.IGNORECASE)
@@ -71,33 +83,12 @@ def is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def listed_value(cell: str) -> Any:
-    """Return the list or dictionary in a cell, as pandas and other programs write it.
-
-    Nothing is run: the cell is JSON, or literals of Python.
-
-    Returns:
-        The value; None for any other text.
-
-    Example:
-        >>> listed_value("['flour', 'egg']"), listed_value('{"egg": 2}'), listed_value("egg")
-        (['flour', 'egg'], {'egg': 2}, None)
-    """
-    if not _LISTED.fullmatch(cell) or sum(map(cell.count, "[{(")) > _MOST_BRACKETS:
-        return None
-    for parse in (json.loads, ast.literal_eval):
-        try:
-            return parse(cell)
-        except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):
-            continue
-    return None
-
-
-def labels_in(value: Any) -> list[str] | None:
-    """Return the labels in a value of JSON: a text, a list, an object with a name, or with numbers.
+def labels_in(value: Any, beside: dict[str, list[Any]]) -> list[str] | None:
+    """Return the labels in a value of JSON: a text, a list, or an object with a name.
 
     Args:
-        value: such as "egg", ["egg", {"name": "flour", "amount": 2}] or {"egg": 2}.
+        value: such as "egg", or ["egg", {"name": "flour", "amount": 2}].
+        beside: gets the values of further keys in objects.
 
     Returns:
         The labels; None for a value whose labels no documented word names.
@@ -108,46 +99,42 @@ def labels_in(value: Any) -> list[str] | None:
         return [value]
     if is_number(value):
         return [f"{NUMBER}{value}"]
-    if isinstance(value, list | tuple | set):
-        # A label and its number of pieces, as in ["egg", 2].
-        values = list(value)
-        if len(values) == 2 and isinstance(values[0], str) and is_number(values[1]):
-            return [values[0]]
-        parts = [labels_in(part) for part in values]
+    if isinstance(value, list):
+        parts = [None if isinstance(part, list) else labels_in(part, beside) for part in value]
         return None if None in parts else list(chain.from_iterable(filter(None, parts)))
-    if isinstance(value, dict):
-        names = [key for key in value if names_thing(str(key)) and isinstance(value[key], str)]
-        if names:
-            return [value[min(names, key=name_rank)]]
-        if value and all(isinstance(key, str) and is_number(value[key]) for key in value):
-            return None if any(map(is_documented, value)) else list(value)
-    return None
+    if not isinstance(value, dict) or any(isinstance(part, list | dict) for part in value.values()):
+        return None
+    name = label_key(tuple(value))
+    if name is None:
+        return None
+    for key in value.keys() - {name}:
+        beside.setdefault(key, []).append(value[key])
+    return labels_in(value[name], beside)
 
 
-def find_joiner(
-    cells: Sequence[str], *, in_all: bool = False, allows_weak: bool = True
-) -> str | None:
+def find_joiner(cells: Sequence[str], *, in_all: bool = False) -> str | None:
     """Return the sign between ingredients in cells, or an empty text for single labels.
 
     Args:
         cells: texts that are not blank.
         in_all: whether a sign must be in each cell, as where each one of a list is a sum.
-        allows_weak: whether a sign that labels hold as well is enough.
 
     Returns:
-        None if two signs fit, or one of them is in a few cells only.
+        None if a sign is in a few cells only, or one that labels hold as well is in all.
     """
-    counts = {sign: sum(sign in cell for cell in cells) for sign in (*JOINERS, *WEAK_JOINERS)}
+    counts = {sign: sum(sign in cell for cell in cells) for sign in (*JOINERS, *_SIGNS_IN_LABELS)}
     everywhere = [sign for sign in counts if cells and counts[sign] == len(cells)]
     if everywhere:
-        return everywhere[0] if allows_weak or everywhere[0] in JOINERS else None
+        return everywhere[0] if everywhere[0] in JOINERS else None
     if in_all:
         return ""
     present = [sign for sign in JOINERS if counts[sign]]
     often = [sign for sign in present if counts[sign] >= _OFTEN * len(cells)]
     if often:
         return often[0]
-    is_parted = bool(present) or any(counts[sign] > _OFTEN * len(cells) for sign in WEAK_JOINERS)
+    is_parted = bool(present) or any(
+        counts[sign] > _OFTEN * len(cells) for sign in _SIGNS_IN_LABELS
+    )
     return None if is_parted else ""
 
 
@@ -160,7 +147,7 @@ def ambiguity(ingredients: Sequence[str], joiner: str) -> str:
     """
     first, last = ingredients[0], ingredients[-1]
     if len(ingredients) > 1 and first.startswith(_OPENING) and last.endswith(_CLOSING):
-        return f"{joiner.join(ingredients)[:80]!r} is no list that is read; leave its brackets out."
+        return f"{joiner.join(ingredients)[:80]!r} is a list; {_WITHOUT_BRACKETS}"
     for part in ingredients:
         sign = _ALTERNATIVE.search(part)
         has_sum = joiner.strip() != "+" and " + " in part
@@ -177,23 +164,21 @@ class _UnsureError(Exception):
     """A row whose labels are not certain; the message says why."""
 
 
-def _pieces(value: Any, joiner: str | None, *, is_alone: bool) -> list[str]:
+def _pieces(
+    value: Any, joiner: str | None, beside: dict[str, list[Any]], *, is_alone: bool
+) -> list[str]:
     """Return the texts in a cell or a value of JSON.
 
     Args:
         value: the cell or value.
         joiner: see :func:`find_joiner`.
+        beside: gets the values of further keys in objects.
         is_alone: whether it holds all ingredients of its row.
 
     Raises:
         _UnsureError: if they are not certain.
     """
-    if isinstance(value, str) and value[:1] in "[({ \n":
-        listed = listed_value(value)
-        value = value if listed is None else listed
-    elif isinstance(value, str) and joiner == "":
-        return [value]
-    labels = labels_in(value)
+    labels = labels_in(value, beside)
     if labels is None:
         raise _UnsureError(f"{shown(value)} holds no label under a documented key.")
     if isinstance(value, list) and len(labels) > 1 and not is_alone:
@@ -205,7 +190,7 @@ def _pieces(value: Any, joiner: str | None, *, is_alone: bool) -> list[str]:
     if not isinstance(value, str) or not value or joiner == "":
         return labels
     several = [part.strip() for part in value.split(joiner)] if joiner else [value]
-    signs = (*JOINERS, *WEAK_JOINERS)
+    signs = (*JOINERS, *_SIGNS_IN_LABELS)
     if joiner is None or (len(several) == 1 and any(sign in value for sign in signs)):
         raise _UnsureError(
             f"{value[:80]!r} may be one ingredient or several; write {joiner or '+'} between."
@@ -216,12 +201,13 @@ def _pieces(value: Any, joiner: str | None, *, is_alone: bool) -> list[str]:
     return several
 
 
-def rows_of_raw(raw: Raw, joiner: str | None) -> Iterator[Entry]:
+def rows_of_raw(raw: Raw, joiner: str | None, beside: dict[str, list[Any]]) -> Iterator[Entry]:
     """Yield the recipes in a row, by the texts in its cells; a fault if they are not certain.
 
     Args:
         raw: the row.
         joiner: the sign between ingredients in one cell, see :func:`find_joiner`.
+        beside: gets the values of further keys in objects.
     """
     try:
         # Spreadsheets leave blank all cells but the first of those that they merged. In a grid of
@@ -233,8 +219,8 @@ def rows_of_raw(raw: Raw, joiner: str | None) -> Iterator[Entry]:
                 "write a single ingredient first."
             )
         is_alone = len(raw.parts) == 1
-        part_texts = [_pieces(value, joiner, is_alone=is_alone) for value in raw.parts]
-        result_texts = [_pieces(value, "", is_alone=True) for value in raw.results]
+        part_texts = [_pieces(value, joiner, beside, is_alone=is_alone) for value in raw.parts]
+        result_texts = [_pieces(value, "", beside, is_alone=True) for value in raw.results]
     except _UnsureError as error:
         yield fault_at(raw.place, "label", str(error))
         return
@@ -250,17 +236,12 @@ def rows_of_raw(raw: Raw, joiner: str | None) -> Iterator[Entry]:
 
 _SIGN = re.compile(r"\d\s?[x×*]\s|(?:^|[\s(])[x×*]\s?\d|[×*]\s?\d+$")
 """A sign of multiplication beside a number."""
-_MARKUP = (
-    re.compile(r"“([^“”]+)”|«\s?([^«»]+?)\s?»|„([^„“”]+)[“”]"),
-    re.compile(r"\*\*([^*]+)\*\*|__([^_]+)__|`([^`]+)`"),
-    re.compile(r"\[\[([^\[\]|]+)\]\]|\[([^\[\]]+)\]\([^()\s]*\)"),
+_WRAPPED = re.compile(
+    r"“[^“”]+”|«[^«»]+»|„[^„“”]+[“”]|\*\*[^*]+\*\*|__[^_]+__|`[^`]+`"
+    r"|\[\[[^\[\]|]+\]\]|\[[^\[\]]+\]\([^()\s]*\)|!\[.*|.*\(https?://[^\s()]*\)"
 )
-"""Quotes, and markup of wikis and Markdown such as links, around a whole cell."""
-_BESIDE = re.compile(
-    r"^!\[[^\]]*\](?:\[[^\]]*\]|\([^()]*\))\s*(?:<br\s*/?>)?\s*(?=\S)"
-    r"|(?<=\S)\s*\(https?://[^\s()]*\)$"
-)
-"""An image before a label, and an address behind it."""
+"""Quotes, markup of wikis and Markdown around a whole cell, and an image or address beside it."""
+_LISTED = re.compile(r"\s*[\[({]\s*[\"'].*[\])}]\s*", re.DOTALL)
 _CLEAR = 0.2  # share of the cells with numbers by which these are numbers of pieces
 _MOST_MERGERS = 0.1  # share of the rows with numbers that may make what they are made of
 _FORMULA = re.compile(
@@ -276,25 +257,6 @@ def trim_unseen(cell: str) -> str:
     return cell.strip(" " if cell.isascii() else UNSEEN)
 
 
-def without_markup(cell: str) -> str:
-    """Return a cell without quotes and markup around all of it.
-
-    Example:
-        >>> [without_markup(cell) for cell in ("**[mud](/wiki/mud)**", "“mud”", "a **b**")]
-        ['mud', 'mud', 'a **b**']
-    """
-    if "](" in cell or "![" in cell or "://" in cell:
-        cell = _BESIDE.sub("", cell)
-    if cell[-1:].isalnum():
-        return cell
-    # Markup may be nested, such as a bold link: each kind once from outside, and once more.
-    for pattern in (*_MARKUP, *_MARKUP):
-        match = pattern.fullmatch(cell)
-        if match:
-            cell = next(filter(None, match.groups())).strip()
-    return cell
-
-
 def exact_fault(label: str) -> str | None:
     """Return why a cell of our own table is no label, or None."""
     if label[:1] in ("=", "@", "#") and _FORMULA.match(label):
@@ -303,18 +265,27 @@ def exact_fault(label: str) -> str | None:
 
 
 def cell_fault(text: str) -> str | None:
-    """Return why a text in a table or in JSON may be no label, or None."""
+    """Return why a text in JSON may be no label, or None."""
     if is_missing(text):
         return (
             f"{text!r} may be a missing value or a label. Leave the cell empty; if it is a "
             f"label, write a table with the columns {_OWN_NAMES}."
         )
+    if _LISTED.fullmatch(text):
+        return f"{text[:80]!r} is a list; {_WITHOUT_BRACKETS}"
     if " + " in text:
         return (
             f"{text[:80]!r} may be several things or one. {OWN_COLUMNS} As one label, it needs a "
             f"table with the columns {_OWN_NAMES} alone."
         )
     return exact_fault(text)
+
+
+def table_fault(text: str) -> str | None:
+    """Return why a text in a table may be no label, or None; in JSON quotes belong to labels."""
+    if _WRAPPED.fullmatch(text):
+        return f"{text[:80]!r} has quotes or markup around a label, or an address beside it."
+    return cell_fault(text)
 
 
 @dataclass
@@ -325,24 +296,20 @@ class FileLabels:
         label_of: label by text.
         faults: why a text is no label, by text.
         pieces: number of pieces by text, where texts hold such numbers.
-        example: a text with a number of pieces; empty if none is left out.
         trimmed: cells with characters at their ends that cannot be seen.
-        unwrapped: cells with quotes or markup around them.
         counts_dropped: numbers of pieces other than one that were left out.
     """
 
     label_of: dict[str, str] = field(default_factory=dict)
     faults: dict[str, str] = field(default_factory=dict)
     pieces: dict[str, int] = field(default_factory=dict)
-    example: str = ""
     trimmed: int = 0
-    unwrapped: int = 0
     counts_dropped: int = 0
 
     def label(self, text: str) -> str:
         """Return the label of an entity that is declared or listed, which counts for nothing."""
-        label = without_markup(trim_unseen(text))
-        counted_label = count_in(label) if self.example else None
+        label = trim_unseen(text)
+        counted_label = count_in(label) if self.pieces else None
         return label if counted_label is None else counted_label[0]
 
     def finish(self, source: FileRows) -> None:
@@ -350,16 +317,12 @@ class FileLabels:
         if source.base is not None:
             source.base = {self.label(text): place for text, place in source.base.items()}
         source.listed = {self.label(text): place for text, place in source.listed.items()}
-        notes = []
-        if self.example:
-            notes.append(f"numbers read as pieces, such as '{self.example[:60]}'")
-        if self.unwrapped:
-            notes.append(f"{counted(self.unwrapped, 'cell')} without quotes or markup")
+        examples = [f"numbers read as pieces, such as '{text[:60]}'" for text in self.pieces][:1]
         source.reading = replace(
             source.reading,
             trimmed=source.reading.trimmed + self.trimmed,
             counts_dropped=source.reading.counts_dropped + self.counts_dropped,
-            notes=(*notes, *source.reading.notes),
+            notes=(*examples, *source.reading.notes),
         )
 
     def row(self, row: Row) -> Entry:
@@ -381,9 +344,7 @@ def read_labels(
     fault: Callable[[str], str | None],
     names: Iterable[Names] = (),
     *,
-    is_exact: bool = False,
     is_given: bool = False,
-    fold: bool = False,
 ) -> FileLabels:
     """Find the label of each text in the rows of a file.
 
@@ -391,9 +352,7 @@ def read_labels(
         rows: recipes by the texts in their cells.
         fault: returns why a text is no label, or None.
         names: names by id, of each kind of ids that the file has.
-        is_exact: whether texts are labels as they stand.
         is_given: whether the user names the reading, so that numbers are labels.
-        fold: whether labels are in lower case.
     """
     uses = Counter(chain.from_iterable(row.ingredients for row in rows))
     uses.update(row.result for row in rows)
@@ -405,16 +364,16 @@ def read_labels(
             name = (name or text).removeprefix(NUMBER)
         if name is None or name.startswith(NUMBER):
             belongs = "belongs to several things" if name is None else "is the id of nothing here"
-            message = f"{text.removeprefix(NUMBER)[:80]!r} {belongs}; give names instead."
+            message = (
+                f"{text.removeprefix(NUMBER)[:80]!r} {belongs}; give names, or other columns with "
+                "--columns."
+            )
         else:
             labels.label_of[text] = name
             message = fault(name) or ""
         if message:
             labels.faults[text] = message
-    if not is_exact:
-        _clean(labels, rows, uses)
-    if fold:
-        labels.label_of = {text: label.lower() for text, label in labels.label_of.items()}
+    _clean(labels, rows, uses)
     return labels
 
 
@@ -422,10 +381,8 @@ def _clean(labels: FileLabels, rows: Sequence[Row], uses: Counter[str]) -> None:
     """Leave out what stands beside the labels, and count it."""
     bare: dict[str, tuple[str, int]] = {}
     for text, name in labels.label_of.items():
-        trimmed = trim_unseen(name)
-        label = without_markup(trimmed)
-        labels.trimmed += uses[text] * (trimmed != name)
-        labels.unwrapped += uses[text] * (label != trimmed)
+        label = trim_unseen(name)
+        labels.trimmed += uses[text] * (label != name)
         labels.label_of[text] = label
         counted_label = count_in(label)
         if counted_label:
@@ -434,7 +391,6 @@ def _clean(labels: FileLabels, rows: Sequence[Row], uses: Counter[str]) -> None:
             labels.faults.setdefault(text, str(label_fault(label)))
     if not _are_counts(bare, labels, rows, uses):
         return
-    labels.example = next(iter(bare))
     for text, (label, number) in bare.items():
         labels.label_of[text] = label
         labels.pieces[text] = number
@@ -529,10 +485,13 @@ _FORMS = {
     "the sign of a recipe": re.compile(r".*\w\s?(?:=|[-=]>|→)\s?\w.*"),
     "an address": re.compile(r".*https?://.*"),
     "markup": re.compile(
-        r".*(?:<(?:br|img|a|b|i|span|p)\b[^>]*>|!\[|\[\[|(?:File|Image):\S+ |^:\w+:).*", re.DOTALL
+        r".*(?:<(?:br|img|a|b|i|span|p)\b[^>]*>|!\[|\[\[|(?:File|Image):\S+ |^:\w+:|\]\().*"
+        rf"|{_WRAPPED.pattern}",
+        re.DOTALL,
     ),
+    "a sum": re.compile(r"\S.*\S\+\S.*"),
 }
-_IN_NAMES = ("a number", "a choice", "the sign of a recipe")
+_IN_NAMES = ("a number", "a choice", "the sign of a recipe", "a sum")
 """Forms that are part of names if results have them as well, such as = in formulas."""
 _MARKS = re.compile(r"<[^>]*>|[^\w\s]|[\d_]")
 """What is no letter."""

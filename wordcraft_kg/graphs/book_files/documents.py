@@ -1,19 +1,21 @@
 """Documents, JSON or the rows of a table: recipes by paths of ingredients and of the result.
 
-Documented keys give some ways to read a document (``words``), the shapes ``{result: [[a, b]]}``,
-``{a: {b: result}}`` and ``[[a, b, result]]`` others, and the option `columns` one of the user; the
-rule takes one. A path has keys after points, ``[]`` for each element of a list, ``[0]`` for its
-first one, ``{}`` for each value of an object, and ``{key}`` at its end for the keys of an object. A
-backslash takes a sign in a key as it is. Paths that begin alike go through the same lists together.
-``layouts`` has formats of their own.
+A column of a document has a path, and its cells are texts, numbers, or lists and objects that hold
+labels. Documented words name the columns of ingredients and results (``words``); the shapes
+``{result: [[a, b]]}`` and ``{a: {b: result}}`` need no words, and the option `columns` names any
+path. The rule takes one of these ways.
+
+A path has keys after points, ``[]`` for each element of a list, ``[0]`` for its first one, ``{}``
+for each value of an object, and ``{key}`` at its end for the keys of an object. A backslash takes a
+sign in a key as it is. Paths that begin alike go through the same lists together.
 """
 
 import math
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import lru_cache, partial
 from itertools import chain, count, islice, product
 from operator import itemgetter
 from pathlib import Path as FilePath
@@ -24,13 +26,12 @@ from msgspec.structs import replace
 
 from wordcraft_kg.base import ConfigError, listed, nearest
 from wordcraft_kg.graphs.book_files.cells import (
-    JOINERS,
     Names,
     cell_fault,
     exact_fault,
     find_joiner,
     is_number,
-    listed_value,
+    labels_in,
     names_by_id,
     read_labels,
     rows_of_raw,
@@ -39,6 +40,7 @@ from wordcraft_kg.graphs.book_files.rows import (
     INFINITE_CRAFT_BASE,
     WITHOUT,
     Entry,
+    Fault,
     FileRows,
     LeftOut,
     Place,
@@ -54,18 +56,16 @@ from wordcraft_kg.graphs.book_files.words import (
     CSV_HEADER,
     EACH,
     ID,
-    IGNORED,
     INGREDIENT,
     KEY,
     KIND,
     LOOPS,
     NAME,
-    ORDINAL,
     QUANTITIES,
-    RESULT,
     VALUES,
     Path,
     Way,
+    has_role,
     is_documented,
     is_id,
     is_name,
@@ -74,7 +74,7 @@ from wordcraft_kg.graphs.book_files.words import (
     ways_by_words,
     words_of,
 )
-from wordcraft_kg.graphs.recipes import RecipeRows, check_label
+from wordcraft_kg.graphs.recipes import RecipeRows, check_label, label_fault
 
 GRAMMAR = (
     "a path of keys, with [] for each element of a list, [0] for the first, {} for each value of "
@@ -84,6 +84,10 @@ _STEP = re.compile(r"\[\d*\]|\{(?:key)?\}|\.?((?:\\.|[^.\[\]{}\\])+)")
 MOST_STEPS = 50
 """Steps of the longest path."""
 _MOST_ROWS = 1_000_000  # of lists that are combined with each other
+_DENSE = 0.5  # share of an object's keys that its siblings have as well
+_MOST_PATHS = 12  # in a refusal
+_MOST_WAYS = 60  # that are tried
+_MOST_COLUMNS = 1_000  # more are no keys
 
 
 class Located(NamedTuple):
@@ -94,11 +98,8 @@ class Located(NamedTuple):
     key: str = ""
 
 
-_MOST_KEYS = 40  # of an object that is no map of labels
-_DENSE = 0.5  # share of an object's keys that its siblings have as well
-_MOST_PATHS = 12  # in a refusal
-_MOST_WAYS = 60  # that are tried
-_MOST_TEXTS = 1_000  # paths of a document; more are no keys
+Columns = dict[Path, list[Any]]
+"""Cells of a document by the path of their column."""
 
 
 @dataclass
@@ -110,26 +111,14 @@ class Document:
         places: line of each row of a table.
         others: faults and rows left out.
         is_table: whether it is a table.
+        fault: returns why a text is no label, or None.
     """
 
     value: Any
     places: list[int] = field(default_factory=list)
     others: list[Entry] = field(default_factory=list)
     is_table: bool = False
-
-
-class _Texts(dict[Path, list[Any]]):
-    """The texts, numbers and keys of a document by path.
-
-    Attributes:
-        lengths: lengths of the lists at a path.
-        counted: paths of keys with numbers of pieces.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.lengths: dict[Path, set[int]] = {}
-        self.counted: set[Path] = set()
+    fault: Callable[[str], str | None] = cell_fault
 
 
 def read_document(
@@ -161,57 +150,51 @@ def read_document(
     source.entries = document.others
     if not value or not isinstance(value, list | dict):
         return source
-    texts = _texts_of(document)
-    anchor = "table" if document.is_table else "json"
-    if len(texts) > _MOST_TEXTS:
-        raise refusal(path, f"{len(texts):,} different keys, more than {_MOST_TEXTS:,}", anchor)
-    read_candidate = partial(_candidate, document, source, texts, _names(value, texts), fold=fold)
-    if columns is not None:
-        best = read_candidate(_given(document, columns, texts), is_given=True)
-    elif source.is_exact:
-        names_of_columns = [name for name in document.value[0] if name not in (KIND, QUANTITIES)]
-        *parts, result_path = ((EACH, f".{name}") for name in names_of_columns)
-        way = Way(tuple(parts), (result_path,))
+    if source.is_exact:
         source.numbered = _numbered(document)
-        if source.numbered is not None:
-            # Row by row only if somebody asks.
-            source.entries = chain.from_iterable(
-                read_candidate(only_way).entries for only_way in [way]
-            )
-            source.reading = replace(source.reading, columns=tuple(names_of_columns))
-            return source
-        best = read_candidate(way)
+        # Row by row only if somebody asks.
+        rows = _exact_rows(document)
+        is_at_once = source.numbered is not None
+        source.entries = rows if is_at_once else sorted(rows, key=itemgetter(0))
+        columns_read = [name for name in value[0] if name not in (KIND, QUANTITIES)]
+        source.reading = replace(source.reading, columns=tuple(columns_read))
+        return source
+    cells: Columns = {}
+    if document.is_table:
+        cells = {(EACH, f".{name}"): [row[name] for row in value] for name in value[0]}
     else:
-        _check_choices(path, texts)
-        ways = list(islice(_ways(texts), _MOST_WAYS))
+        _collect(cells, (), [value])
+    anchor = "table" if document.is_table else "json"
+    if len(cells) > _MOST_COLUMNS:
+        raise refusal(path, f"{len(cells):,} different keys, more than {_MOST_COLUMNS:,}", anchor)
+    read_candidate = partial(_candidate, document, source, cells, _names(value), fold=fold)
+    if columns is not None:
+        best = read_candidate(_given(document, columns, cells), is_given=True)
+    else:
+        ways = list(islice(_ways(cells), _MOST_WAYS))
         documented = [read_candidate(way) for way in ways if way.is_documented]
-        unsure = (way for way in ways if not way.is_documented)
-        guesses = map(read_candidate, chain(unsure, _by_column(texts)))
+        guesses = (read_candidate(way) for way in ways if not way.is_documented)
         choice = choose(path, documented, guesses, anchor, allows_single=allows_single)
         if choice is None:
+            shown = _shown_paths(cells, is_table=document.is_table)
             raise refusal(
                 path,
-                f"no documented words name ingredients and a result; {_shown_paths(texts)}",
+                f"no documented words name ingredients and a result; {shown}",
                 anchor,
                 "Name them with --columns.",
             )
         best = choice
     source.entries = best.entries
     source.reading = best.reading
-    if not source.is_exact:
-        best.labels.finish(source)
+    best.texts.finish(source)
     # Nothing is no result where labels tell that the game is Infinite Craft.
-    every_text = set(
-        chain.from_iterable(
-            column_texts for column_texts in texts.values() if type(column_texts[0]) is str
-        )
-    )
-    every_text.update(*(row.ingredients for row in best.rows))
-    craft = {label.lower() if fold else label for label in INFINITE_CRAFT_BASE}
-    if not source.is_exact and every_text.issuperset(craft):
-        source.entries = without_nothing(best.entries, fold=fold)
+    every_text = set(chain.from_iterable(row.ingredients for row in best.rows))
+    for column in cells.values():
+        every_text.update(cell for cell in column if isinstance(cell, str))
+    if every_text.issuperset(INFINITE_CRAFT_BASE):
+        source.entries = without_nothing(best.entries)
         # Saves list items with emoji; another table or list may have these labels by chance.
-        if not source.base and any(path[-1:] in ((".text",), (".emoji",)) for path in texts):
+        if not source.base and any(path[-1:] in ((".text",), (".emoji",)) for path in cells):
             source.base = dict.fromkeys(INFINITE_CRAFT_BASE, "items")
     return source
 
@@ -240,60 +223,17 @@ def _take_base(path: FilePath, document: Document, source: FileRows) -> None:
         document.value = {key: member for key, member in value.items() if key != "base"}
 
 
-def _texts_of(document: Document) -> "_Texts":
-    texts = _Texts()
-    if document.is_table:
-        for key in document.value[0]:
-            texts[(EACH, f".{key}")] = [row[key] for row in document.value]
-    else:
-        _collect(texts, (), [document.value])
-    return texts
-
-
-def _check_choices(path: FilePath, texts: _Texts) -> None:
-    """Refuse lists that may be choices of an ingredient, or several ingredients or recipes.
-
-    Raises:
-        RecipeFileError: if an ingredient is a text in some places and a list in others, or if
-            ingredients beside a result are lists of lists.
-    """
-    for lists in texts:
-        # Within one loop, a key holds what belongs to a thing, such as its result or results. A
-        # map's values have no key: {"water": {"earth": ["mud", "clay"]}} has several results.
-        single = lists[:-1]
-        num_loops = sum(step in LOOPS for step in single)
-        are_odd = lists[-1:] == (EACH,) and single in texts and num_loops > 1
-        are_odd = are_odd and single[-1].startswith(".")
-        holder, key = lists[:-3], lists[-3:-2]
-        if lists[-2:] == (EACH, EACH) and key and words_of(key[0][1:]) & INGREDIENT:
-            beside = (sibling[-1] for sibling in texts if sibling[:-1] == holder)
-            are_odd = any(words_of(sibling[1:]) & RESULT for sibling in beside)
-        if are_odd:
-            problem = (
-                f"the lists of {path_text(single)!r} may be choices of an ingredient or several"
-            )
-            raise refusal(
-                path,
-                problem,
-                "json",
-                "Write each choice as a recipe of its own, or name columns with --columns.",
-            )
-
-
-def _given(document: Document, columns: Sequence[str], texts: _Texts) -> Way:
-    """Return the way that the option `columns` gives."""
-    first = document.value[0] if isinstance(document.value, list) else None
-    members = first if isinstance(first, list | dict) else []
-    keys = [f".{key}" if isinstance(first, dict) else f"[{at}]" for at, key in enumerate(members)]
+def _given(document: Document, columns: Sequence[str], cells: Columns) -> Way:
+    """Return the way that the option `columns` gives: names and numbers of columns, or paths."""
+    names = list(document.value[0]) if document.is_table else []
     paths: list[Path] = []
     for text in map(str.strip, columns):
-        # A key that is at one place only needs no path; numbers count columns, or labels of lists.
-        ends = [path for path in texts if _last_key(path) == text.casefold()]
-        at = int(text) if text.isdecimal() else 0
-        if (EACH, f".{text}") in texts or len(ends) == 1:
-            paths.append((EACH, f".{text}") if (EACH, f".{text}") in texts else ends[0])
+        if text in names:
+            paths.append((EACH, f".{text}"))
+        elif text.isdecimal() and 0 < int(text) <= len(names):
+            paths.append((EACH, f".{names[int(text) - 1]}"))
         else:
-            paths.append((EACH, keys[at - 1]) if 0 < at <= len(keys) else parse_path(text))
+            paths.append(parse_path(text))
     if len(paths) < 2 or len(set(paths)) < len(paths):
         raise ConfigError(
             f"`columns` {','.join(columns)}: expected different columns, of the ingredients and, "
@@ -301,43 +241,11 @@ def _given(document: Document, columns: Sequence[str], texts: _Texts) -> Way:
         )
     for text, steps in zip(columns, paths, strict=True):
         if not any(True for _ in leaves(Located("", document.value), steps)):
-            hint = nearest(text, [path_text(path, document.is_table) for path in texts])
+            hint = nearest(text, [path_text(path, document.is_table) for path in cells])
             grammar = "" if document.is_table else f" A path is {GRAMMAR}."
-            raise ConfigError(
-                f"`columns` {text!r}: no such column; {_shown_paths(texts)}.{hint}{grammar}"
-            )
+            shown = _shown_paths(cells, is_table=document.is_table)
+            raise ConfigError(f"`columns` {text!r}: no such column; {shown}.{hint}{grammar}")
     return Way(tuple(paths[:-1]), (paths[-1],))
-
-
-def _last_key(path: Path) -> str:
-    """Return the key, in lower case, at which a path ends, or whose list it ends in."""
-    *_, last = ("", *(step for step in path if step != EACH))
-    return last.removeprefix(".").casefold()
-
-
-def as_records(document: Any) -> Any:
-    """Return columns, or a list below a header, as records; any other value as it is."""
-    head: Any = None
-    rows: Any = []
-    if isinstance(document, list) and document and isinstance(document[0], list):
-        head, *rows = document
-    elif isinstance(document, dict) and isinstance(document.get("data"), list):
-        head, rows = document.get("columns"), document["data"]
-    elif isinstance(document, dict):
-        columns = [
-            [*value.values()] if isinstance(value, dict) else value for value in document.values()
-        ]
-        if all(isinstance(column, list) for column in columns):
-            rows = list(zip(*columns, strict=False))
-            is_flat = all(isinstance(cell, str | int | float) for cell in chain.from_iterable(rows))
-            is_even = len(set(map(len, columns))) == 1
-            head = list(document) if is_flat and is_even else None
-    if not isinstance(head, list) or not head or not all(isinstance(name, str) for name in head):
-        return document
-    ways = ways_by_words((EACH, f".{name}") for name in head)
-    if not any(way.is_named and way.is_documented for way in ways):
-        return document
-    return [dict(zip(head, row, strict=False)) for row in rows if isinstance(row, list | tuple)]
 
 
 # --- paths ---------------------------------------------------------------------------------------
@@ -364,10 +272,9 @@ def parse_path(text: str) -> Path:
 
 
 def path_text(path: Path, is_table: bool = False) -> str:
-    """Return a path as the option has it: of a table, the name or number of a column."""
+    """Return a path as the option has it: of a table, the name of a column."""
     if is_table:
-        name = path[-1]
-        return name[1:] if name.startswith(".") else str(int(name[1:-1]) + 1)
+        return path[-1].removeprefix(".")
     keys = ("." + re.sub(r"([.\[\]{}\\])", r"\\\1", step[1:]) for step in path)
     steps = (key if step.startswith(".") else step for key, step in zip(keys, path, strict=True))
     return "".join(steps).replace("{}{key}", KEY).removeprefix(".")
@@ -404,11 +311,11 @@ def leaves(found: Located, path: Path) -> Iterator[Located]:
             yield from leaves(inner, path[1:])
 
 
-Columns = dict[int, list[Located]]
+_Bound = dict[int, list[Located]]
 """The values of each column in a row."""
 
 
-def _rows(located: Located, paths: dict[int, Path], num_parts: int) -> Iterator[Columns]:
+def _rows(located: Located, paths: dict[int, Path], num_parts: int) -> Iterator[_Bound]:
     """Yield the values of columns, whose paths go through the same lists together.
 
     Args:
@@ -420,8 +327,8 @@ def _rows(located: Located, paths: dict[int, Path], num_parts: int) -> Iterator[
     groups: dict[Path, dict[int, Path]] = {}
     for column, path in paths.items():
         groups.setdefault(path[:1], {})[column] = path[1:]
-    bound: Columns = {}
-    several: list[list[Columns]] = []
+    bound: _Bound = {}
+    several: list[list[_Bound]] = []
     for step, inner in groups.items():
         first = next(iter(inner))
         full_path = (*step, *inner[first])
@@ -470,104 +377,57 @@ def rows_of_paths(
         )
 
 
-# --- paths of a document -------------------------------------------------------------------------
+# --- columns of a document -----------------------------------------------------------------------
 
 
-def _collect(texts: _Texts, path: Path, values: list[Any]) -> None:
-    """Collect the texts, numbers and keys below all values at a path.
+def _collect(cells: Columns, path: Path, values: Sequence[Any]) -> None:
+    """Collect the cells of all columns below the values at a path.
 
     Args:
-        texts: gets them.
+        cells: gets them.
         path: the path.
         values: all values there.
     """
-    if len(path) > MOST_STEPS:
-        return  # no recipe book is nested so deeply
-    plain = [value for value in values if isinstance(value, str | int | float)]
-    lists = [value for value in values if isinstance(value, list)]
-    objects = [value for value in values if isinstance(value, dict) and value]
-    if plain:
-        texts.setdefault(path, []).extend(plain)
-    if lists:
-        _collect_lists(texts, path, lists)
-    if objects and _are_records(objects, path):
-        for key in dict.fromkeys(chain.from_iterable(objects)):
-            holders = [record for record in objects if key in record]
-            _wrap_pairs([(record, key) for record in holders])
-            _collect(texts, (*path, f".{key}"), [record[key] for record in holders])
-    elif objects:
-        keys = (*path, VALUES, KEY)
-        texts.setdefault(keys, []).extend(chain.from_iterable(objects))
-        _wrap_pairs([(record, key) for record in objects for key in record])
-        inner = list(chain.from_iterable(record.values() for record in objects))
-        # Numbers beside labels are numbers of pieces; those beside sums are ids.
-        if all(map(is_number, inner)) and not _are_sums(texts[keys]):
-            texts.counted.add(keys)
-        else:
-            _collect(texts, (*path, VALUES), inner)
+    values = [value for value in values if value not in (None, [], {})]
+    elements = chain.from_iterable(value for value in values if isinstance(value, list))
+    # The labels of ingredients and results may be names in objects, and these in lists.
+    parts = chain.from_iterable(each if isinstance(each, list) else [each] for each in values)
+    is_column = has_role(_key(path)) and all(labels_in(part, {}) is not None for part in parts)
+    if is_column or not values or len(path) > MOST_STEPS:
+        cells.setdefault(path, []).extend(values)
+    elif all(isinstance(value, list) for value in values) and _are_objects(elements):
+        _collect(cells, (*path, EACH), list(chain.from_iterable(values)))
+    elif not _are_objects(values):
+        cells.setdefault(path, []).extend(values)
+    elif _are_records(values):
+        for key in dict.fromkeys(chain.from_iterable(values)):
+            _collect(cells, (*path, f".{key}"), [each[key] for each in values if key in each])
+    else:
+        cells.setdefault((*path, VALUES, KEY), []).extend(chain.from_iterable(values))
+        inner = chain.from_iterable(record.values() for record in values)
+        _collect(cells, (*path, VALUES), list(inner))
 
 
-def _wrap_pairs(places: Sequence[tuple[dict[str, Any], str]]) -> None:
-    """Make a single pair a list of one pair, in place, where values beside it are lists of pairs.
-
-    Args:
-        places: objects and their keys with values of one meaning.
-    """
-    if any(_is_list(record[key], list) for record, key in places):
-        for record, key in places:
-            if _is_list(record[key], str):
-                record[key] = [record[key]]
+def _key(path: Path) -> str:
+    """Return the key at the end of a path; empty without one."""
+    return path[-1][1:] if path and path[-1].startswith(".") else ""
 
 
-def _is_list(value: Any, kind: type) -> bool:
-    is_filled = isinstance(value, list) and bool(value)
-    return is_filled and all(isinstance(element, kind) for element in value)
+def _are_objects(values: Iterable[Any]) -> bool:
+    return all(isinstance(value, dict) for value in values)
 
 
-def _collect_lists(texts: _Texts, path: Path, lists: list[list[Any]]) -> None:
-    """Collect what is in lists; a label with a number of pieces, as in ["egg", 2], is one label."""
-    if all(map(_is_counted, lists)):
-        texts[(*path, "[0]")] = [value[0] for value in lists]
-        return
-    texts.lengths.setdefault(path, set()).update(map(len, lists))
-    elements = [element for element in chain.from_iterable(lists) if element is not None]
-    num_lists = sum(isinstance(element, list) for element in elements)
-    # Choices beside ingredients, as in Minecraft: no reading accounts for both.
-    if num_lists in (0, len(elements)):
-        _collect(texts, (*path, EACH), elements)
-    elif path[-1:] == (EACH,) and set(map(len, lists)) == {2}:
-        # Ingredients in a list, and a result: [["water", "earth"], "mud"].
-        for place in range(2):
-            _collect(texts, (*path, f"[{place}]"), [pair[place] for pair in lists])
-
-
-def _is_counted(value: list[Any]) -> bool:
-    if len(value) != 2 or not isinstance(value[0], str) or not value[0]:
-        return False
-    label, beside = value
-    if isinstance(beside, str):
-        # An emoji beside its name, as in ["Water", "💧"].
-        return label[0].isalpha() and bool(beside) and not any(map(str.isalnum, beside))
-    return isinstance(beside, int | float)
-
-
-def _are_records(objects: Sequence[dict[str, Any]], path: Path = ()) -> bool:
+def _are_records(objects: Sequence[dict[str, Any]]) -> bool:
     """Return whether the keys of objects are properties, not labels.
 
     Args:
         objects: objects that are not empty.
-        path: where they are; below a key such as ``inputs`` numbers are numbers of pieces.
     """
     counts = Counter(chain.from_iterable(objects))
     documented_keys = [key for key in counts if is_documented(key)]
-    values = [value for record in objects for value in record.values() if value is not None]
-    properties = [key for key in counts if words_of(key) & (COUNT | IGNORED)]
-    is_large = len(counts) > _MOST_KEYS and 2 * len(documented_keys) < len(counts)
-    if is_large or all(map(str.isdecimal, counts)):
+    values = list(chain.from_iterable(record.values() for record in objects))
+    if all(map(str.isdecimal, counts)):
         return False
-    role = words_of(path[-1][1:]) if path and path[-1].startswith(".") else frozenset()
-    if role & (INGREDIENT | RESULT | {"in"}):
-        return bool(documented_keys or properties) or not all(map(is_number, values))
     if len(objects) > 1:
         if any(counts[key] * 2 > len(objects) for key in documented_keys):
             return True
@@ -575,155 +435,102 @@ def _are_records(objects: Sequence[dict[str, Any]], path: Path = ()) -> bool:
         # Labels of a map are values of it as well; properties are not.
         is_dense = len(values) > _DENSE * len(objects) * len(counts)
         return is_dense and texts.isdisjoint(counts)
-    if not documented_keys:
-        return False
-    if len(values) > 1 and all(isinstance(value, dict) and value for value in values):
-        return not _are_records(values)
-    kinds = {isinstance(value, dict | list) for value in values}
-    ordinal_keys = [key for key in counts if words_of(key) & ORDINAL]
-    return (
-        len(kinds) > 1
-        or bool(ordinal_keys or properties)
-        or len(documented_keys) * 2 >= len(counts)
-    )
+    if len(values) > 1 and all(values) and _are_objects(values):
+        return bool(documented_keys) and not _are_records(values)
+    words = [key for key in counts if is_documented(key) or has_role(key) or not is_plain(key)]
+    return bool(documented_keys) and 2 * len(words) >= len(counts)
 
 
-def _names(value: Any, texts: _Texts) -> list[Names]:
+def _names(value: Any) -> list[Names]:
     """Return names by id, slug or emoji, for each kind of ids beside names in a document."""
-    tables = []
-    for path in texts:
-        parent = path[:-1]
-        name_paths = [
-            sibling for sibling in texts if sibling[:-1] == parent and is_name(sibling[-1][1:])
-        ]
-        if path[-1:] == (KEY,):
-            is_list = parent in texts and all(map(str.isdecimal, texts[path]))
-            name_paths += [parent] if is_list else []
-        elif path and path[-1].startswith(".") and is_id(path[-1][1:]):
-            # The name and the id of one thing, such as Parent 1 ID and Parent 1 Name.
-            thing = words_of(path[-1][1:]) - ID - _NAME_WORDS
-            name_paths = [
-                sibling
-                for sibling in name_paths
-                if words_of(sibling[-1][1:]) - _NAME_WORDS == thing
-            ]
-        else:
-            continue
-        if name_paths:
-            name = min(name_paths, key=lambda name_path: name_rank(name_path[-1][1:]))
-            rows = rows_of_paths(value, [path], [name])
-            tables.append(
-                names_by_id(
-                    (ids[0], names_in_row[0])
-                    for _, ids, names_in_row in rows
-                    if ids and names_in_row
-                )
-            )
-    lists = [path for path in texts if path[-1:] == (EACH,) and not set(path[:-1]) & set(LOOPS)]
-    # Ids may be places in a list of names, if nothing else is.
-    for path in lists if not tables else ():
-        if all(isinstance(value, str) for value in texts[path]):
-            tables.append(names_by_id(enumerate(texts[path])))
-    return tables
+    things: dict[str, list[tuple[Any, Any]]] = {}
+    for record in _objects(value):
+        for id_key, name_key in _ids_and_names(tuple(record)):
+            things.setdefault(id_key, []).append((record[id_key], record[name_key]))
+        if all(map(str.isdecimal, record)):
+            things.setdefault(KEY, []).extend(record.items())
+    return list(map(names_by_id, things.values()))
+
+
+def _objects(value: Any) -> Iterator[dict[str, Any]]:
+    """Yield all objects in a value of JSON."""
+    values = [value]
+    while values:
+        inner = values.pop()
+        if isinstance(inner, dict):
+            yield inner
+        members = inner.values() if isinstance(inner, dict) else inner
+        values += [member for member in members if isinstance(member, list | dict)]
+
+
+@lru_cache(maxsize=1_000)
+def _ids_and_names(keys: tuple[str, ...]) -> list[tuple[str, str]]:
+    """Return the keys of an object that hold an id, each with that of the same thing's name."""
+    pairs = []
+    for id_key in filter(is_id, keys):
+        # Such as Parent 1 ID and Parent 1 Name.
+        thing = words_of(id_key) - ID - _NAME_WORDS
+        names = [key for key in keys if is_name(key) and words_of(key) - _NAME_WORDS == thing]
+        pairs += [(id_key, min(names, key=name_rank))] if names else []
+    return pairs
 
 
 _NAME_WORDS = frozenset(NAME)
 
 
-def _shown_paths(texts: _Texts) -> str:
-    names = [path_text(path)[:40].removeprefix("[].") for path in texts][:_MOST_PATHS]
+def _shown_paths(cells: Columns, *, is_table: bool) -> str:
+    names = [path_text(path, is_table)[:80] or EACH for path in cells][:_MOST_PATHS]
     if all(map(str.isdecimal, names)):
-        names = [str(texts[path][0])[:40] for path in texts][:_MOST_PATHS]  # no header
-    shown = listed(list(map(repr, names)), _MOST_PATHS, len(texts))
-    return f"the file has {shown or 'no labels'}"
+        names = [str(cells[path][0])[:40] for path in cells][:_MOST_PATHS]  # no header
+    return f"the file has {listed(list(map(repr, names)), _MOST_PATHS, len(cells))}"
 
 
 # --- ways to read a document ---------------------------------------------------------------------
 
 
-def _ways(texts: _Texts) -> Iterator[Way]:
+def _ways(cells: Columns) -> Iterator[Way]:
     """Yield the ways to read a document, the more certain ones first."""
-    # Flat records have nothing but keys.
-    nested = [path for path in texts if len(path) != 2 or path[0] != EACH or path[1][0] != "."]
-    by_place = [way for path in nested for way in (*_by_keys(texts, path), *_by_list(texts, path))]
-    documented_ways = [way for way in by_place if way.is_documented]
-    result_paths = {path for way in documented_ways for path in way.results if path[-1] != KEY}
-    yield from ways_by_words(path for path in texts if path not in result_paths)
-    yield from by_place
+    lists = {path for path, column in cells.items() if any(isinstance(c, list) for c in column)}
+    yield from ways_by_words(cells, lists)
+    for path in cells:
+        if path[-1:] == (VALUES,) and (*path, KEY) in cells:
+            yield from _ways_by_keys(cells, path)
+    yield from _orders(cells)
 
 
-def _by_keys(texts: _Texts, path: Path) -> Iterator[Way]:
-    """Yield ways to read what is at a path below keys that are labels, or sums of them."""
-    maps = [at for at, step in enumerate(path) if step == VALUES]
-    keys = tuple((*path[: at + 1], KEY) for at in maps)
-    if path in texts.counted and path[-3:] == (VALUES, VALUES, KEY):
-        # Numbers of pieces by label: {"torch": {"plank": 2, "stick": 1}}.
-        yield Way((path,), (keys[-2],), is_named=False, by_place=True)
-    if not maps or path[-1] == KEY:
-        return
-    below = path[maps[-1] + 1 :]
-    name = below[0][1:] if len(below) == 1 and below[0].startswith(".") else ""
-    is_result = bool(words_of(name) & RESULT) and is_plain(name)
-    has_texts = any(isinstance(value, str) for value in texts[path])
-    is_sum = _are_sums(texts[path])
-    # Commas in keys may be parts of labels of things that are made of lists.
-    are_sums = _are_sums(texts[keys[-1]], has_commas=EACH not in below)
-    if below == (EACH, EACH) and has_texts:
-        yield Way((path,), (keys[-1],), by_place=True)
-        if texts.lengths[path[:-1]] == {2}:
+def _ways_by_keys(cells: Columns, path: Path) -> Iterator[Way]:
+    """Yield ways to read the values at a path, below keys that are labels."""
+    key = (*path, KEY)
+    are_lists = [isinstance(cell, list) for cell in cells[path]]
+    pairs = list(chain.from_iterable(cell for cell in cells[path] if isinstance(cell, list)))
+    if all(are_lists) and all(isinstance(pair, list) for pair in pairs):
+        yield Way((path,), (key,), is_named=False)
+        if set(map(len, pairs)) == {2}:
             # Or a partner and what it makes.
-            partner, second_items = (*path[:-1], "[0]"), (*path[:-1], "[1]")
-            yield Way((keys[-1], partner), (second_items,), is_documented=False)
-    elif not (is_result or is_name(name) or below in ((), (EACH,))):
-        return
-    elif are_sums and not is_sum:
-        yield Way(keys[-1:], (path,), by_place=True)
-    elif is_sum and not name:
-        yield Way((path,), keys[-1:], by_place=True)
-    elif has_texts and maps[-2:] == [maps[-1] - 1, maps[-1]] and (is_result or not name):
-        yield Way(keys[-2:], (path,), by_place=True)
-    elif has_texts and below == (EACH,):
-        # Two labels below a key may be anything about it.
-        yield Way((path,), keys[-1:], is_documented=False)
+            partner, made = ((*path, EACH, f"[{place}]") for place in range(2))
+            yield Way((key, partner), (made,), is_documented=False)
+    elif path[-2:] == (VALUES, VALUES):
+        yield Way(((*path[:-1], KEY), key), (path,), is_named=False)
+    else:
+        # Labels below a key may be anything about it.
+        yield Way((path,), (key,), is_documented=False)
+        yield Way((key,), (path,), is_documented=False)
 
 
-def _by_list(texts: _Texts, path: Path) -> Iterator[Way]:
-    """Yield ways to read lists of three labels, and of ingredients in a list before the result."""
-    beside = path[-1:] if path[-1] == "[0]" else ()  # a label and something beside it
-    outer = path[: len(path) - len(beside)]
-    if outer[-2:] == (EACH, EACH) and texts.lengths.get(outer[:-1]) == {3}:
-        a, b, c = ((*outer[:-1], f"[{place}]", *beside) for place in range(3))
-        yield Way((a, b), (c,), by_place=True, is_order=True)
-        yield Way((b, c), (a,), is_documented=False, is_order=True)
-        yield Way((a, c), (b,), is_documented=False, is_order=True)
-    elif path[-2:] == ("[0]", EACH) and (*path[:-2], "[1]") in texts:
-        yield Way((path,), ((*path[:-2], "[1]"),), by_place=True)
-
-
-def _by_column(texts: _Texts) -> Iterator[Way]:
-    """Yield guesses for three columns or keys whose names say nothing."""
-    columns = [path for path in texts if path[:1] == (EACH,) and path[1:] == path[-1:]]
+def _orders(cells: Columns) -> Iterator[Way]:
+    """Yield the orders of three columns, or of lists of three, whose names say nothing."""
+    columns = [path for path in cells if path[:1] == (EACH,) and path[1:] == path[-1:]]
     columns = [path for path in columns if is_plain(path[-1][1:])]
-    columns = [path for path in columns if not all(map(is_number, texts[path]))]
-    is_unnamed = all(path[-1][1:].isdecimal() for path in texts)
-    for word in set(chain.from_iterable(words_of(path[-1][1:]) for path in columns)):
-        # Such as draggedItem, targetItem and resultItem.
-        like = [path for path in columns if word in words_of(path[-1][1:])]
-        if len(like) == 3 and words_of(like[-1][-1][1:]) & RESULT:
-            yield Way((like[0], like[1]), (like[2],), is_documented=False)
+    columns = [path for path in columns if not all(map(is_number, cells[path]))]
+    is_unnamed = all(path[-1:] and path[-1][1:].isdecimal() for path in cells)
+    rows = cells.get((), ())
+    if rows and all(isinstance(row, list) and len(row) == 3 for row in chain.from_iterable(rows)):
+        columns = [(EACH, f"[{place}]") for place in range(3)]
+        is_unnamed = not any(isinstance(name, str) and is_documented(name) for name in rows[0][0])
     if len(columns) == 3 and not any(is_name(path[-1][1:]) for path in columns):
         a, b, c = columns
-        for first_part, second_part, result_path in ((a, b, c), (b, c, a), (a, c, b)):
-            yield Way((first_part, second_part), (result_path,), False, False, is_order=is_unnamed)
-
-
-def _are_sums(keys: Sequence[Any], *, has_commas: bool = True) -> bool:
-    """Return whether all keys are sums, or lists as text."""
-    signs = [sign for sign in JOINERS if has_commas or sign != ","]
-    if not keys or not all(isinstance(key, str) for key in keys):
-        return False
-    plain = [key for key in keys if not listed_value(key)]
-    return not plain or any(all(sign in key for key in plain) for sign in signs)
+        for first, second, result in ((a, b, c), (b, c, a), (a, c, b)):
+            yield Way((first, second), (result,), False, False, is_order=is_unnamed)
 
 
 # --- the recipes of a way ------------------------------------------------------------------------
@@ -732,7 +539,7 @@ def _are_sums(keys: Sequence[Any], *, has_commas: bool = True) -> bool:
 def _candidate(
     document: Document,
     source: FileRows,
-    texts: _Texts,
+    cells: Columns,
     names: Sequence[Names],
     way: Way,
     *,
@@ -742,71 +549,68 @@ def _candidate(
     """Return the recipes of a way to read a document."""
     way_paths = (*way.parts, *way.results)
     facts = [(*way.parts[0][:-1], f".{name}") for name in (KIND, QUANTITIES)]
-    facts = [path for path in facts if path in texts and path not in way_paths]
+    facts = [path for path in facts if path in cells and path not in way_paths]
     read_paths = {*way_paths, *facts}
-    ignored_paths = [path for path in texts if path not in read_paths and path[-1:] != (KEY,)]
+    ignored_paths = [path for path in cells if path not in read_paths and path[-1:] != (KEY,)]
     raws = list(_raws(document, way, facts))
-    is_sole = len(way.parts) == 1
-    has_several = any(len(raw.parts) != 1 for raw in raws)
-    in_lists = is_sole and way.parts[0][-1] in LOOPS and has_several
     joiner: str | None = ""
-    cells = [part for raw in raws for part in raw.parts if isinstance(part, str) and part]
-    if not source.is_exact and is_sole:
-        cells = [cell for cell in cells if listed_value(cell) is None]
-        joiner = find_joiner(cells, in_all=in_lists, allows_weak=not way.by_place)
-    elif not source.is_exact and all("+" in cell for cell in cells):
-        joiner = find_joiner(cells)
-    if joiner and (in_lists or not is_sole):
-        # Several columns or texts of a list hold a whole recipe each.
-        raws = [raw._replace(parts=[part]) for raw in raws for part in filter(None, raw.parts)]
-    # A grid has blanks, and as many slots in each row; in lists of labels they are slips.
-    is_uneven = in_lists and not joiner and len({len(raw.parts) for raw in raws if raw.parts}) > 1
-    entries = list(document.others)
-    several_outputs = 0
-    for raw in raws:
-        if is_uneven and "" in raw.parts[1:]:
-            message = "a blank ingredient; fill it, or leave it out of the list."
-            entries.append(fault_at(raw.place, "label", message, "blank"))
-        else:
-            row_entries = _exact_rows(raw) if source.is_exact else list(rows_of_raw(raw, joiner))
-            several_outputs += len(row_entries) > 1
-            entries += row_entries
+    if len(way.parts) == 1:
+        raws = list(chain.from_iterable(_without_lists(raw, way) for raw in raws))
+        has_lists = any(len(raw.parts) > 1 for raw in raws)
+        parts = chain.from_iterable(raw.parts for raw in raws)
+        texts = [part for part in parts if isinstance(part, str) and part]
+        joiner = find_joiner(texts, in_all=has_lists)
+        if joiner and has_lists:
+            # Each text of a list holds a whole recipe.
+            raws = [raw._replace(parts=[part]) for raw in raws for part in filter(None, raw.parts)]
+    beside: dict[str, list[Any]] = {}
+    row_entries = [list(rows_of_raw(raw, joiner, beside)) for raw in raws]
+    entries = [*document.others, *chain.from_iterable(row_entries)]
     if document.is_table:
         entries.sort(key=itemgetter(0))
     rows = [entry for entry in entries if isinstance(entry, Row)]
     # Numbers are no results, unless they are names or ids.
     numbers = {row.result for row in rows if is_number(row.result)}
     numbers.difference_update(*names)
-    if rows and not is_given and not source.is_exact and all(row.result in numbers for row in rows):
+    if rows and not is_given and all(row.result in numbers for row in rows):
         message = "is a number; a result is a name. If it is one, name the columns with --columns."
         entries = []
-        if way.is_named and not way.by_place:
+        if way.is_named:
             entries += (fault_at(row.place, "label", f"{row.result!r} {message}") for row in rows)
         rows = []
-    labels = read_labels(
-        rows,
-        exact_fault if source.is_exact else cell_fault,
-        names,
-        is_exact=source.is_exact,
-        is_given=is_given,
-        fold=fold,
-    )
-    counts = (path for path in ignored_paths if words_of(path[-1][1:]) & COUNT)
+    labels = read_labels(rows, document.fault, names, is_given=is_given)
+    beside |= {path_text(path, document.is_table): cells[path] for path in ignored_paths}
+    counts = (values for name, values in beside.items() if words_of(name) & COUNT)
     return ReadingCandidate(
         way,
         replace(
             source.reading,
             columns=tuple(path_text(path, document.is_table) for path in way_paths),
             num_results=len(way.results),
-            ignored=tuple(path_text(path, document.is_table) for path in ignored_paths),
-            counts_dropped=sum(n not in ("", "1", 1) for path in counts for n in texts[path]),
-            several_outputs=several_outputs,
+            ignored=tuple(sorted(beside)),
+            counts_dropped=sum(number not in ("", "1", 1) for number in chain(*counts)),
+            several_outputs=sum(len(entries_of_row) > 1 for entries_of_row in row_entries),
         ),
         entries=[labels.row(entry) if isinstance(entry, Row) else entry for entry in entries],
-        labels=labels,
-        num_unmade=sum(any(raw.parts) and not any(raw.results) for raw in raws),
-        needs_reuse=not texts.counted.isdisjoint(way_paths),
+        texts=labels,
+        fold=fold,
     )
+
+
+def _without_lists(raw: Raw, way: Way) -> Iterator[Raw]:
+    """Yield a row for each recipe in its only cell of ingredients."""
+    cells = [cell for cell in raw.parts if cell not in (None, [], {})]
+    if not cells and not way.is_named:
+        return  # a thing without a recipe
+    if len(cells) == 1 and isinstance(cells[0], list):
+        (cells,) = cells
+    are_lists = bool(cells) and all(isinstance(cell, list) for cell in cells)
+    # Lists in ingredients beside a result are rather choices of an ingredient.
+    are_choices = way.is_named and not words_of(way.parts[0][-1][1:]).isdisjoint(INGREDIENT)
+    if are_lists and not are_choices:
+        yield from (raw._replace(parts=cell) for cell in cells)
+    else:
+        yield raw._replace(parts=cells)
 
 
 def _raws(document: Document, way: Way, facts: Sequence[Path]) -> Iterator[Raw]:
@@ -834,9 +638,19 @@ def _raws(document: Document, way: Way, facts: Sequence[Path]) -> Iterator[Raw]:
             yield Raw(place, values, results)
 
 
-def _exact_rows(raw: Raw) -> list[Entry]:
-    """Return the recipe of a row of our own table."""
-    parts = [part for part in raw.parts if part]
-    if not parts or not raw.results[0]:
-        return [LeftOut(raw.place, WITHOUT)]
-    return [Row(raw.place, parts, raw.results[0], raw.kind, raw.quantities)]
+def _exact_rows(document: Document) -> Iterator[Entry]:
+    """Yield the recipes of our own table, whose cells are labels as they stand, and all faults."""
+    yield from document.others
+    for place, record in zip(document.places, document.value, strict=True):
+        facts = {name: record[name] for name in (KIND, QUANTITIES) if name in record}
+        *parts, result = (cell for name, cell in record.items() if name not in facts)
+        labels = [*filter(None, parts), result]
+        faults = list(filter(None, map(exact_fault, labels)))
+        if record.get(KIND):
+            faults += filter(None, [label_fault(record[KIND])])
+        if len(labels) < 2 or not result:
+            yield LeftOut(place, WITHOUT)
+        elif faults:
+            yield Fault(place, "label", " Also, ".join(dict.fromkeys(faults)))
+        else:
+            yield Row(place, labels[:-1], result, **facts)

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from wordcraft_kg.base import ConfigError, RecipeFileError, counted, nearest, one_of, stage
 from wordcraft_kg.graphs.book_files.cells import is_number, odd_label
-from wordcraft_kg.graphs.book_files.documents import Document, as_records, read_document
+from wordcraft_kg.graphs.book_files.documents import Document, read_document
 from wordcraft_kg.graphs.book_files.files import (
     Content,
     check_encoding,
@@ -37,7 +37,6 @@ from wordcraft_kg.graphs.book_files.rows import (
     fault_at,
     refusal,
 )
-from wordcraft_kg.graphs.book_files.rule import LEAST_REUSED, share_of_reused
 from wordcraft_kg.graphs.book_files.texts import (
     ENDINGS,
     delimiter_of,
@@ -63,7 +62,6 @@ _TOTAL = re.compile(r"(?:grand )?totals?|sum|count|summe|gesamt|anzahl|total[ie]
 SELF_RESULT = "with an ingredient as the result"
 REPEATED = "that repeat a recipe"
 """Reasons of rows that no book keeps."""
-_COLUMNS = "If they are no recipes, name the right columns with `columns`."
 _SELF = "self"  # the `single_ingredient` that combines a single ingredient with itself
 _ALONE = "alone"  # the `single_ingredient` that keeps a set of one
 _TOO_MANY = f"with more than {MOST_INGREDIENTS} ingredients"
@@ -240,28 +238,21 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
     )
     if ending in _JSON_ENDINGS or is_json(text):
         value, is_lines = load_json(path, text)
-        # A list of a + b = c, alone or below a key.
-        inner = value.values() if isinstance(value, dict) else [value]
-        lists = [member for member in inner if isinstance(member, list)]
-        is_text = len(lists) == 1 and all(isinstance(member, str) for member in lists[0])
-        lines = "\n".join(lists[0]) if is_text else ""
-        if is_text and (isinstance(value, list) or looks_like_lines(lines, is_table=False)):
-            return _source_of(path, ".txt", lines, options)
         source = None if options.columns is not None else known_layout(path, value)
         shape = "JSON lines" if is_lines else "JSON"
-        return source or find(Document(as_records(value)), FileRows(Reading(shape=shape)))
+        return source or find(Document(value), FileRows(Reading(shape=shape)))
     # Lines are often saved under the ending of a table.
-    if options.delimiter is None and looks_like_lines(text, is_table=ending in ENDINGS):
+    if options.delimiter is None and looks_like_lines(text):
         if options.columns is not None:
             raise refusal(
                 path, "lines a + b = c, which have no columns", "lines", "Leave --columns out."
             )
-        return read_lines(path, text, fold=fold)
+        lines, document = read_lines(path, text)
+        return find(document, lines, columns=("sum", "result"))
     delimiter = None if options.delimiter is None else delimiter_of(options.delimiter)
-    by_name = not all(column.strip().isdecimal() for column in options.columns or ["1"])
     usual = ENDINGS.get(ending, ",")
     try:
-        table, document = read_table(path, text, delimiter, usual=usual, is_named=by_name)
+        table, document = read_table(path, text, delimiter, usual=usual, columns=options.columns)
         source = find(document, table)
         source.records = dict(zip(document.places, document.value, strict=True))
         return source
@@ -333,18 +324,6 @@ class BookRows:
         """All recipes as the file has them."""
         return [entry for entry in self.source.entries if isinstance(entry, Row)]
 
-    @cached_property
-    def _hangs_together(self) -> bool:
-        """Whether the rows are surely recipes, so that options for single ones may be advised."""
-        if self.options.columns is not None or self.source.is_exact:
-            return True
-        single = [row.ingredients[0] for row in self.whole if len(row.ingredients) == 1]
-        # What alone makes several things is rather a remark.
-        is_remark = len(single) > 1 and len(set(single)) == 1
-        is_line = self.source.reading.columns[:1] == ("sum",)
-        share = share_of_reused((row.ingredients, row.result) for row in self.whole)
-        return is_line or (share > LEAST_REUSED and len(self.whole) > 1 and not is_remark)
-
     def __iter__(self) -> Iterator[tuple[Place, Recipe] | Fault]:
         """Yield each row's place and recipe, and faults."""
         for entry in self.source.entries:
@@ -404,14 +383,12 @@ class BookRows:
             return fault_at(place, "row", message, "total")
         single = self.options.single_ingredient
         if single is None and not self._has_sets:
-            remedy = _COLUMNS
-            if self._hangs_together:
-                remedy = (
-                    f"Write it twice, or build the graph with `single_ingredient` {_SELF} (which "
-                    f"reads {label} + {label}), {_ALONE} (a recipe of one ingredient), or the name "
-                    "of what it is combined with."
-                )
-            message = f"'{label}' is the only ingredient, in a book of pairs. {remedy}"
+            message = (
+                f"'{label}' is the only ingredient, in a book of pairs. Write it twice, or build "
+                f"the graph with `single_ingredient` {_SELF} (which reads {label} + {label}), "
+                f"{_ALONE} (a recipe of one ingredient), or the name of what it is combined with. "
+                "If it is no ingredient, name the right columns with `columns`."
+            )
             return fault_at(place, "label", message)
         second = {None: (), _ALONE: (), _SELF: (label,)}.get(single, (single,))
         return Recipe((label, *second), result)

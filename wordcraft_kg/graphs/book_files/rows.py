@@ -153,19 +153,17 @@ def fault_at(place: Place, kind: str, message: str, group: str = "") -> Fault:
     return Fault(place, kind, prefix + message, group)
 
 
-def without_nothing(entries: Iterable[Entry], *, fold: bool = False) -> list[Entry]:
+def without_nothing(entries: Iterable[Entry]) -> list[Entry]:
     """Return entries of Infinite Craft, in which Nothing is no result.
 
     Args:
         entries: all entries of a file whose labels hold the base of Infinite Craft.
-        fold: whether labels are in lower case.
     """
-    nothing = NOTHING.lower() if fold else NOTHING
     filtered_entries: list[Entry] = []
     for entry in entries:
-        if isinstance(entry, Row) and entry.result == nothing:
+        if isinstance(entry, Row) and entry.result == NOTHING:
             filtered_entries.append(LeftOut(entry.place, "with the result Nothing"))
-        elif isinstance(entry, Row) and nothing in entry.ingredients:
+        elif isinstance(entry, Row) and NOTHING in entry.ingredients:
             filtered_entries.append(LeftOut(entry.place, "with Nothing as ingredient"))
         else:
             filtered_entries.append(entry)

@@ -7,7 +7,7 @@ reading that does. A reading that the user names is taken at their word.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
@@ -27,9 +27,10 @@ LEAST_REUSED = 0.05
 """Share of the results that must be ingredients of other recipes."""
 FEWEST_RESULTS = 20
 """Results of the smallest book that the share judges."""
-_FEWEST_UNUSED = 5  # of fewer recipes, none may use another's result by chance
+_FEWEST_NAMES = 5  # if they are names of rows beside other columns
 _LIKE = 0.5  # share of the rows by which two readings are one
 _MOST_READINGS = 4  # in a refusal
+_NAME_COLUMNS = "Name the ingredients and, last, the result with --columns."
 _FEWEST_ELEMENTS = 2  # one alone, such as water, is a usual thing to make
 _FEWEST_ROWS = 50
 _MARGIN = 0.1
@@ -62,18 +63,15 @@ class ReadingCandidate:
         way: the paths of its ingredients and results.
         reading: the record of this reading, with these paths as text in ``columns``.
         entries: recipes, faults and rows left out.
-        labels: the labels of its texts.
-        num_unmade: number of rows with ingredients and without a result.
-        needs_reuse: whether a book of any size must hang together, as numbers beside labels may be
-            properties.
+        texts: the labels of its texts.
+        fold: whether labels will be in lower case.
     """
 
     way: Way
     reading: Reading
     entries: Sequence[Entry]
-    labels: FileLabels
-    num_unmade: int
-    needs_reuse: bool
+    texts: FileLabels
+    fold: bool
 
     @cached_property
     def rows(self) -> list[Row]:
@@ -83,7 +81,10 @@ class ReadingCandidate:
     @cached_property
     def recipes(self) -> set[tuple[frozenset[str], str]]:
         """The recipes without places and order."""
-        return {(frozenset(row.ingredients), row.result) for row in self.rows}
+        label_of = str.lower if self.fold else str
+        return {
+            (frozenset(map(label_of, row.ingredients)), label_of(row.result)) for row in self.rows
+        }
 
     @cached_property
     def results(self) -> set[str]:
@@ -95,21 +96,24 @@ class ReadingCandidate:
         """Share of the results that are ingredients of other recipes."""
         return share_of_reused(self.recipes)
 
-    @cached_property
-    def folded_share(self) -> float:
-        """This share if all labels were in lower case."""
-        return share_of_reused(
-            ([part.lower() for part in parts], result.lower()) for parts, result in self.recipes
-        )
+    @property
+    def hangs_together(self) -> bool:
+        """Whether enough results are ingredients of other recipes."""
+        return self.share > LEAST_REUSED
 
     @cached_property
     def contradictions(self) -> int:
         """Number of recipes that make an element or a part of themselves, or share their pair."""
-        elements = {label for label in self.labels_used if label.casefold() in ELEMENTS}
+        elements = {label for label in self.labels if label.casefold() in ELEMENTS}
         if len(elements) < _FEWEST_ELEMENTS:
             elements = set()
         odd = sum(result in elements or result in parts for parts, result in self.recipes)
         return odd + len(self.recipes) - len({parts for parts, _ in self.recipes})
+
+    @cached_property
+    def labels(self) -> set[str]:
+        """All labels of its recipes."""
+        return {label for parts, result in self.recipes for label in (*parts, result)}
 
     @property
     def is_mostly_single(self) -> bool:
@@ -136,10 +140,16 @@ class ReadingCandidate:
         parts = " + ".join(label[:40] for label in first.ingredients[:8])
         return f"{parts} = {first.result[:40]} ({self.command})"
 
-    @cached_property
-    def labels_used(self) -> set[str]:
-        """All labels of its recipes."""
-        return {label for parts, result in self.recipes for label in (*parts, result)}
+    def is_rival_of(self, best: "ReadingCandidate") -> bool:
+        """Return whether a reading fits about as well as the best one of documented words."""
+        if self.way.is_documented:
+            return self.share > max(best.share * _LIKE, LEAST_REUSED)
+        # Another order of the same labels, if that is less odd.
+        are_same_labels = len(self.results & best.labels) * 2 > len(self.results)
+        if are_same_labels and self.contradictions < best.contradictions:
+            return True
+        is_better = self.hangs_together and not best.hangs_together
+        return is_better and self.contradictions <= best.contradictions
 
     def is_like(self, other: "ReadingCandidate") -> bool:
         """Return whether two readings share most of their recipes."""
@@ -171,70 +181,38 @@ def choose(
         RecipeFileError: if several readings remain, or the only one does not hang together; with
             the commands that read the file.
     """
-    readable = [reading for reading in candidates if reading.rows]
-    documented = [
-        reading for reading in readable if not reading.needs_reuse or reading.share > LEAST_REUSED
-    ]
-    # A key of results that most rows lack is hardly that of their results.
-    complete = [reading for reading in documented if reading.num_unmade <= len(reading.rows)]
-    documented = complete or documented
+    documented = [reading for reading in candidates if reading.rows]
     named_readings = [reading for reading in documented if reading.way.is_named] or documented
     # Equal shares leave the more certain reading in front.
     best = max(named_readings, key=attrgetter("share"), default=None)
-    is_sure = best is not None and best.way.is_named and not best.way.by_place
-    if best is None or not is_sure or best.share <= LEAST_REUSED:
-        readable += [reading for reading in guesses if reading.rows]
-        ordered_reading = _told_order([reading for reading in readable if reading.way.is_order])
-        if ordered_reading is not None:
-            return ordered_reading
+    if best and best.way.is_named and best.hangs_together:
+        further_readings = []
+    else:
+        further_readings = [reading for reading in guesses if reading.rows]
     if best is None:
-        return _undocumented(path, candidates, readable, anchor)
+        told_order = _told_order([reading for reading in further_readings if reading.way.is_order])
+        return told_order or _undocumented(path, candidates, further_readings, anchor)
     # Of two readings of the same recipes, the one that lacks none; of equal ones the best.
     alike = [best, *(reading for reading in documented if reading.is_like(best))]
     best = max(alike, key=lambda reading: len(reading.recipes))
-    different_readings = [reading for reading in readable if not reading.is_like(best)]
-    # Another order of the same labels is a reading only if it is no odder.
-    if best.way.by_place or not best.way.is_named:
-        odd = [
-            reading
-            for reading in different_readings
-            if reading.contradictions < best.contradictions
-            and not reading.way.is_documented
-            and len(reading.results & best.labels_used) * 2 > len(reading.results)
-            and reading.is_clean
-        ]
-        if odd:
-            raise _several(path, "two readings fit", [best, *odd], anchor)
     rivals = [
         reading
-        for reading in different_readings
-        if reading.share > LEAST_REUSED
-        and reading.is_clean
-        and (reading.way.is_documented or reading.contradictions <= best.contradictions)
+        for reading in (*documented, *further_readings)
+        if not reading.is_like(best) and reading.is_clean and reading.is_rival_of(best)
     ]
     if best.is_mostly_single and not allows_single:
         problem = (
             f"read as {_shown(best)}, most rows have one ingredient: they may be parts of recipes"
         )
         raise _several(path, problem, rivals, anchor)
-    # Names of rows may be no results if none is used, and another key may hold the results.
-    is_unused = (
-        not best.way.is_named and bool(best.reading.ignored) and len(best.results) >= _FEWEST_UNUSED
-    )
-    is_judged = len(best.results) >= FEWEST_RESULTS or (is_unused and not best.share)
-    hangs_together = best.share > LEAST_REUSED
-    if not hangs_together and is_judged:
+    if best.hangs_together and rivals:
+        readings = [best, *rivals] if best.is_clean else rivals
+        raise _several(path, "two readings fit", readings, anchor)
+    # Names of rows may be no results if another key may hold the results.
+    is_unsure = not best.way.is_named and bool(best.reading.ignored)
+    fewest_results = _FEWEST_NAMES if is_unsure else FEWEST_RESULTS
+    if not best.hangs_together and (rivals or len(best.results) >= fewest_results):
         raise _loose(path, best, rivals, anchor)
-    # In a book that hangs together, a much looser reading is none, and neither is a guess.
-    close = [
-        reading
-        for reading in rivals
-        if reading.share > best.share * _LIKE and (reading.way.is_documented or not hangs_together)
-    ]
-    if close:
-        problem = "two readings fit" if hangs_together else f"{_shown(best)} is not certain"
-        is_advised = hangs_together and best.is_clean
-        raise _several(path, problem, [best, *close] if is_advised else close, anchor)
     return best
 
 
@@ -255,13 +233,13 @@ def _undocumented(
     Returns:
         A reading whose faults say what is wrong; None without one.
     """
-    # The columns of a small table without a header may be in any order.
     clean = [reading for reading in readable if reading.is_clean]
     ways = [
         reading
         for reading in clean
-        if reading.folded_share > max(LEAST_REUSED, 1 / len(reading.results))
+        if replace(reading, fold=True).share > max(LEAST_REUSED, 1 / len(reading.results))
     ]
+    # The columns of a small table without a header may be in any order.
     ways = ways or [reading for reading in clean if reading.way.is_order]
     if not ways:
         faulty = (
@@ -287,16 +265,12 @@ def _loose(
         f"read as {_shown(best)}, {best.share * num_results:.0f} of {num_results:,} results are "
         "ingredients of other recipes, so that this reading may be wrong"
     )
-    if best.folded_share > LEAST_REUSED:
+    if replace(best, fold=True).hangs_together:
         return refusal(path, problem, anchor, "Labels differ in case only: --case fold joins them.")
-    if not rivals and best.way.is_named and best.is_clean:
-        return refusal(
-            path,
-            problem,
-            anchor,
-            f"If it is right, as in chemistry or cooking, say so: {best.command}.",
-        )
-    return _several(path, problem, rivals, anchor)
+    remedy = _NAME_COLUMNS
+    if best.way.is_named and best.is_clean:
+        remedy = f"If it is right, as in chemistry or cooking, say so: {best.command}."
+    return _several(path, problem, rivals, anchor, remedy)
 
 
 def _shown(candidate: ReadingCandidate) -> str:
@@ -306,12 +280,15 @@ def _shown(candidate: ReadingCandidate) -> str:
 
 
 def _several(
-    path: Path, problem: str, readings: Sequence[ReadingCandidate], anchor: str
+    path: Path,
+    problem: str,
+    readings: Sequence[ReadingCandidate],
+    anchor: str,
+    remedy: str = _NAME_COLUMNS,
 ) -> RecipeFileError:
+    """Return the error with the commands of several readings, or a remedy without any."""
     if not readings:
-        return refusal(
-            path, problem, anchor, "Name the ingredients and, last, the result with --columns."
-        )
+        return refusal(path, problem, anchor, remedy)
     texts = list(dict.fromkeys(map(str, readings)))
     shown = " or ".join(texts[:_MOST_READINGS])
     return refusal(path, f"{problem}: {shown}", anchor, "Choose with --columns.")

@@ -5,9 +5,9 @@ of a table are paths of one key, so that tables and JSON have one set of rules.
 """
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Set
 from functools import lru_cache
-from itertools import chain, takewhile
+from itertools import chain
 from string import ascii_lowercase
 from typing import NamedTuple
 
@@ -92,7 +92,7 @@ INGREDIENT = words_of(
 )
 SUMS = words_of(
     "recipe recipes combination combinations combo combos pair pairs formula formulas formulae "
-    "crafting craft crafts reaction reactions mix mixes fusion fusions with "
+    "crafting craft crafts reaction reactions mix mixes fusion fusions "
     "rezept rezepte recette recettes receta recetas ricetta ricette receita receitas "
     "recept recepten przepis рецепт рецепты 配方 合成 レシピ 조합 조합법"
 )
@@ -135,11 +135,11 @@ CONTAINERS = SUMS | words_of(
 """Keys of a file's lists of recipes or things."""
 _BY = words_of("with from of by using")
 _FIRST = ORDINAL | words_of("first second third fourth left right")
-_PARTNERS = words_of("with partner other")
 _SLOT = WEAK | ID | {"name"}
 _NAMES = frozenset(NAME)
 _KNOWN = RESULT | INGREDIENT | CONTAINERS | ID
 _PROPERTIES = COUNT | IGNORED
+_ROLES = INGREDIENT | RESULT | SUMS | ORDINAL | {"in"}
 
 
 class Way(NamedTuple):
@@ -148,9 +148,8 @@ class Way(NamedTuple):
     Attributes:
         parts: paths of the ingredients.
         results: paths of the results.
-        is_named: whether the results are named as results, not only as a thing.
+        is_named: whether the results are named as results, not only as a thing or a key.
         is_documented: whether all words are documented; the others are guesses for refusals.
-        by_place: whether the places of labels tell their roles, and no words do.
         is_order: whether it is one of three orders of columns whose names say nothing.
     """
 
@@ -158,7 +157,6 @@ class Way(NamedTuple):
     results: tuple[Path, ...]
     is_named: bool = True
     is_documented: bool = True
-    by_place: bool = False
     is_order: bool = False
 
 
@@ -185,12 +183,6 @@ def is_documented(key: str) -> bool:
     return not words_of(key).isdisjoint(_KNOWN) or is_name(key)
 
 
-def names_thing(key: str) -> bool:
-    """Return whether a key of an object holds the label of the thing, such as ``ingredient``."""
-    is_role = bool(words_of(key) & (INGREDIENT | RESULT | ID))
-    return is_name(key) or (is_plain(key) and is_role)
-
-
 def name_rank(key: str) -> int:
     """Return how certainly a key names a thing: 0 is most certain."""
     words = words_of(key)
@@ -199,122 +191,99 @@ def name_rank(key: str) -> int:
     return (ranks[0] if ranks else 2 * len(NAME)) + len(NAME) * (len(words) > 1)
 
 
-def _role(path: Path) -> tuple[str, int]:
-    """Return the role of the labels at a path, and the place of the step that tells it."""
-    # The keys of a map name things.
-    is_inside = path[-1:] == (KEY,)
-    for at in range(len(path) - 1, -1, -1):
-        if not path[at].startswith("."):
-            continue
-        key = path[at][1:]
-        words = words_of(key)
-        if not is_plain(key) or key.strip().lower() == KIND:
-            return "ignored", at
-        if words & RESULT and words & _BY:
-            return "sum", at  # such as canBeMadeWith
-        if words & RESULT:
-            return "result", at
-        if words & INGREDIENT or words == {"in"}:
-            # Lists of objects within a list of ingredients are rather choices, as in Minecraft.
-            are_choices = path[at + 1 : at + 3] == (EACH, EACH) and len(path) > at + 3
-            return ("ignored" if are_choices else "part"), at
-        num_loops = sum(step in LOOPS for step in path[at:])
-        # A formula names a thing, as in {"reactants": [{"formula": "H2"}]}.
-        is_inside = is_inside or ("formula" in words and path[at - 1] in LOOPS and at > 2)
-        is_numbered = bool(words & SUMS and words & ORDINAL)  # combinationA: {"name": ...}
-        if is_numbered or (words & SUMS and (not is_inside or num_loops > 1)):
-            return "sum", at
-        is_slot = bool(words & ORDINAL) or (words <= WEAK and num_loops > 0)
-        if words <= _SLOT and is_slot and not is_inside:
-            return "slot", at
-        if not is_name(key) and not words & ID:
-            # A container of things may have any name.
-            return ("thing" if is_inside else "unknown"), at
-        is_inside = True
-    return "thing", len(path)
+def has_role(key: str) -> bool:
+    """Return whether a key has a word for ingredients, results or recipes."""
+    return not words_of(key).isdisjoint(_ROLES)
 
 
-def _around(path: Path, at: int) -> Path:
-    """Return a path up to the last list or object before a place."""
-    loops = [i for i, step in enumerate(path[:at]) if step in LOOPS]
-    return path[: loops[-1] + 1] if loops else ()
+def _role(path: Path, *, is_list: bool) -> str:
+    """Return the role of a column by the words of its key."""
+    key = path[-1][1:] if path[-1].startswith(".") else ""
+    words = words_of(key)
+    is_numbered = bool(words & ORDINAL)
+    roles = (
+        (path[-1] == KEY, "thing"),
+        (not is_plain(key) or key.strip().lower() == KIND, "ignored"),
+        (bool(words & RESULT) and bool(words & _BY), "sum"),  # such as canBeMadeWith
+        (bool(words & RESULT), "result"),
+        (bool(words & INGREDIENT) or words == {"in"}, "part"),
+        (bool(words & SUMS), "sum"),
+        (words <= _SLOT and (is_numbered or (is_list and words <= WEAK)), "slot"),
+        (is_name(key) or bool(words & ID), "thing"),
+    )
+    return next((role for is_role, role in roles if is_role), "unknown")
 
 
 def _families(paths: Iterable[Path]) -> list[tuple[Path, ...]]:
     """Return paths in groups that differ in numbers of keys only, as ingredient 1 and 2 do."""
-    families: dict[tuple[object, ...], list[Path]] = {}
+    families: dict[frozenset[str], list[Path]] = {}
     for path in paths:
-        steps = (words_of(step[1:]) - _FIRST if step.startswith(".") else step for step in path)
-        families.setdefault(tuple(steps), []).append(path)
+        families.setdefault(words_of(path[-1][1:]) - _FIRST, []).append(path)
     return list(map(tuple, families.values()))
 
 
-def _plain_words(family: Iterable[Path]) -> frozenset[str]:
-    """Return the words of the last keys, without those that tell ids from names."""
-    keys = [[step for step in path if step.startswith(".")][-1] for path in family]
-    return frozenset(chain.from_iterable(map(words_of, keys))) - ID - _NAMES - _FIRST
-
-
-def _common(paths: Sequence[Path]) -> Path:
-    """Return the steps with which all paths begin."""
-    steps = zip(*paths, strict=False)
-    return tuple(level[0] for level in takewhile(lambda level: len(set(level)) == 1, steps))
-
-
-def _is_around(thing: Path, path: Path) -> bool:
-    """Return whether the object with a thing's name holds what is at a path."""
-    outer = _around(thing, len(thing))
-    return bool(outer) and path[: len(outer)] == outer and thing != path
-
-
-def _rank(thing: Path) -> tuple[int, int]:
-    """Return a key by which the innermost thing comes first, and its name before id and key."""
-    rank = 4 * len(NAME) if thing[-1] == KEY else name_rank(thing[-1][1:])
-    return -len(_around(thing, len(thing))), rank
-
-
-def ways_by_words(paths: Iterable[Path]) -> Iterator[Way]:
-    """Yield the ways in which documented words let labels be read, the more certain ones first.
+def ways_by_words(paths: Iterable[Path], lists: Set[Path] = frozenset()) -> Iterator[Way]:
+    """Yield the ways in which documented words let columns be read, the more certain ones first.
 
     Args:
-        paths: paths of all labels. Those of a table are ``[]`` and a name.
+        paths: paths of all columns. Those of a table are ``[]`` and a name.
+        lists: paths of columns with lists.
     """
-    by_role: dict[str, dict[Path, int]] = {}
+    by_table: dict[Path, list[Path]] = {}
     for path in paths:
-        role, at = _role(path)
-        by_role.setdefault(role, {})[path] = at
-    results = by_role.get("result", {})
-    things = sorted(by_role.get("thing", {}), key=_rank)
-    unknown = tuple(by_role.get("unknown", ()))
-    slots = [family for family in _families(by_role.get("slot", {})) if results or things]
-    slots = [family for family in slots if len(family) > 1 or family[0][-1] in LOOPS]
-    parts = _families(by_role.get("part", {}))
-    # Words such as first, or a name, are parts of recipes only where nothing else is.
-    families = parts or _families(by_role.get("sum", {})) or slots
-    # Ingredients under several words, such as an optional one, may all belong to a recipe.
-    different = {_plain_words(family): family for family in parts}
-    if len(different) == 2:
-        families = [*families, tuple(chain.from_iterable(different.values()))]
-    # Two columns of other names beside a result are rather its ingredients: a guess.
-    if not families and len(unknown) in (1, 2):
-        yield from (
-            Way(unknown, result_family, is_documented=False) for result_family in _families(results)
-        )
-    for family in families:
-        around = _common(family)
-        last = words_of(family[0][-1][1:]) if family[0][-1].startswith(".") else frozenset()
-        # {"name": "water", "uses": [{"with": "earth", "makes": "mud"}]}
-        is_partner = len(family) == 1 and bool(last & _PARTNERS)
-        for result_family in _families(results):
-            outer = _around(result_family[0], results[result_family[0]])
-            if is_partner:
-                near = (thing for thing in things if _is_around(thing, result_family[0]))
-                near = (thing for thing in near if thing[:-1] != result_family[0][:-1])
-                yield from (Way((thing, *family), result_family) for thing in near)
-            elif around[: len(outer)] == outer:
-                yield Way(family, result_family)
-        if not is_partner or not results:
-            near = (thing for thing in things if _is_around(thing, around))
-            yield from (Way(family, (thing,), is_named=False) for thing in near)
-            guesses = (guess for guess in unknown if _is_around(guess, around))
-            yield from (Way(family, (guess,), False, False) for guess in guesses)
+        loops = [at for at, step in enumerate(path) if step in LOOPS]
+        if loops and path[-1] not in LOOPS:
+            by_table.setdefault(path[: loops[-1] + 1], []).append(path)
+    for columns in by_table.values():
+        by_role: dict[str, list[Path]] = {}
+        for path in columns:
+            by_role.setdefault(_role(path, is_list=path in lists), []).append(path)
+        results = _families(by_role.get("result", ()))
+        things = sorted(by_role.get("thing", ()), key=_rank)
+        slots = _families(by_role.get("slot", ())) if results or things else []
+        slots = [family for family in slots if len(family) > 1 or family[0] in lists]
+        parts = _families(by_role.get("part", ()))
+        # Words such as first, or a name, are parts of recipes only where nothing else is.
+        families = parts or _families(by_role.get("sum", ())) or slots
+        # Ingredients under several words, such as an optional one, may all belong to a recipe; in
+        # a list, they surely do.
+        different = {_plain_words(family): family for family in parts}
+        if len(different) > 1:
+            union = tuple(chain.from_iterable(different.values()))
+            families = [union] if not lists.isdisjoint(union) else [*families, union]
+        # Columns of other names are rather the ingredients or the result: a guess.
+        unknown = tuple(by_role.get("unknown", ()))
+        if not families and len(unknown) in (1, 2):
+            yield from (Way(unknown, family, is_documented=False) for family in results)
+        for family in families:
+            yield from (Way(family, result_family) for result_family in results)
+            yield from (Way(family, (thing,), is_named=False) for thing in things)
+            yield from (Way(family, (guess,), False, False) for guess in unknown)
+
+
+def _plain_words(family: Iterable[Path]) -> frozenset[str]:
+    """Return the words of keys, without those that tell ids from names."""
+    words = chain.from_iterable(words_of(path[-1][1:]) for path in family)
+    return frozenset(words) - ID - _NAMES - _FIRST
+
+
+def _rank(thing: Path) -> int:
+    """Return a key by which names come before ids and the keys of a map."""
+    return 4 * len(NAME) if thing[-1] == KEY else name_rank(thing[-1][1:])
+
+
+@lru_cache(maxsize=1_000)
+def label_key(keys: tuple[str, ...]) -> str | None:
+    """Return the key of an object with the label of a thing.
+
+    Args:
+        keys: all keys.
+
+    Returns:
+        The key; None without one, or for a record, which has keys of several roles.
+    """
+    roles = [key for key in keys if has_role(key) and is_plain(key)]
+    names = [key for key in keys if key not in roles and (is_name(key) or is_id(key))]
+    has_one_role = len(roles) + bool(names) == 1
+    is_result = any(words_of(key) & RESULT for key in roles)
+    return min([*roles, *names], key=name_rank) if has_one_role and not is_result else None

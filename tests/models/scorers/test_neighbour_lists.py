@@ -1,11 +1,8 @@
 """Neighbour lists and their features: against full tables, with ties, hubs and pairs with many results."""
 
-import importlib.util
 import math
-import sys
 from itertools import product
 
-import numba
 import numpy as np
 import pytest
 import torch
@@ -475,55 +472,3 @@ def test_books_with_hardly_a_recipe_have_features(recipes):
     assert np.isfinite(features_of_tables(lists, np.array([2]), np.array([[0, 1]]))).all()
     for relation in (COMBINES_WITH, COMPONENT_OF):
         assert link_features(lists, relation, np.arange(3)).isfinite().all()
-
-
-SOURCE = """
-from wordcraft_kg.models.scorers.neighbours.compiled import compiled
-
-@compiled
-def doubled(values):
-    for place in range(len(values)):
-        values[place] *= 2
-
-@compiled
-def tripled(values):
-    for place in range(len(values)):
-        values[place] *= 3
-"""
-
-
-@pytest.fixture
-def call(tmp_path, monkeypatch):
-    """Import a loop anew, as a new process does, call it, and return its number of cache hits."""
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
-    path = tmp_path / "loops.py"
-    path.write_text(SOURCE)
-
-    def call(further=""):
-        spec = importlib.util.spec_from_file_location("loops", path)
-        module = importlib.util.module_from_spec(spec)
-        monkeypatch.setitem(sys.modules, "loops", module)
-        spec.loader.exec_module(module)
-        values = np.arange(3)
-        module.doubled(values)
-        assert values.tolist() == [0, 2, 4]
-        if further == "loop":
-            module.tripled(values)
-            assert values.tolist() == [0, 6, 12]
-        elif further == "types":
-            module.doubled(np.ones(1))
-        return sum(module.doubled.stats.cache_hits.values())
-
-    assert call() == 0
-    assert call() == 1
-    return call
-
-
-@pytest.mark.parametrize("further", ["loop", "types"])
-def test_machine_code_of_another_loop_or_for_other_types_never_runs(call, tmp_path, further):
-    """Both files are as they were written, but one lies in the place of the other."""
-    call(further)
-    paths = sorted((tmp_path / "cache").rglob("*.nbc"))
-    paths[0].write_bytes(paths[1].read_bytes())
-    assert call() == 0
-    assert call() == 1

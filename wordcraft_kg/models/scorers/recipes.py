@@ -101,37 +101,28 @@ class RecipeScorer(StoredScorer, RecipeScores):
         return left_factors.to(self.device), right.to(self.device)
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
-        is_grid, has_heads = grids(heads, relations, tails)
+        is_grid, is_turned = grids(heads, relations, tails)
         heads, relations, tails = torch.broadcast_tensors(heads, relations, tails)
         shape = heads.shape
-        size = len(self.entities)
-        width = size
-        if not (is_grid or has_heads):
-            # Single links, by result, whose links share work.
+        if not (is_grid or is_turned):
             heads, relations, tails = (ids.reshape(-1, 1) for ids in (heads, relations, tails))
-            has_heads = True
-            width = 1
-        # Each key, an entity on one side of links, has candidates on the other side.
-        keys, candidates = (tails[:, 0], heads) if has_heads else (heads[:, 0], tails)
-        scores = torch.zeros(candidates.shape, device=self.device)
+        scores = torch.zeros(heads.shape, device=self.device)
         # A row has one relation, and a ranking has millions of columns in all.
         row_relations = relations[:, 0]
         for relation in row_relations.unique().tolist():
             is_own = row_relations == relation
-            own_keys = keys[is_own]
-            own_candidates = candidates[is_own]
-            if self._has_table(relation, width * len(own_keys)):
-                table = self.table(relation)
-                by_key = table.T if has_heads else table
-                scores[is_own] = by_key[own_keys[:, None], own_candidates]
-            elif candidates.shape[1] < size:
-                scores[is_own] = self.knowledge.link_scores(
-                    relation, own_keys, own_candidates, heads=has_heads
-                )
-            else:
+            own_heads = heads[is_own]
+            own_tails = tails[is_own]
+            if self._has_table(relation, own_heads.numel()):
+                scores[is_own] = self.table(relation)[own_heads, own_tails]
+            elif is_grid and not is_turned:
                 # Rankings ask for all entities, whose links share work.
-                rows = self.knowledge.link_scores(relation, own_keys, heads=has_heads)
-                scores[is_own] = rows.gather(1, own_candidates)
+                scores[is_own] = self.knowledge.link_scores(relation, own_heads[:, 0], own_tails[0])
+            else:
+                # A row has one tail.
+                key = own_tails[:, 0]
+                model = torch.zeros_like(key)
+                scores[is_own] = self.knowledge.slot_scores(relation, key, own_heads, model)
         return scores.view(shape)
 
     def _has_table(self, relation: int, num_scores: int) -> bool:
@@ -144,7 +135,7 @@ class RecipeScorer(StoredScorer, RecipeScores):
         if number in self._tables:
             return self._tables[number]
         every = torch.arange(len(self.entities), device=self.device)
-        scores = self.knowledge.link_scores(number, every)
+        scores = self.knowledge.link_scores(number, every, every)
         # Computed once: ranking and calibration ask for many parts of it.
         if has_table(len(self.entities)):
             self._tables[number] = scores

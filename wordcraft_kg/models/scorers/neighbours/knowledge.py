@@ -14,7 +14,7 @@ from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, Ids
 from wordcraft_kg.models.scorers.neighbours.blocks import of_blocks
 from wordcraft_kg.models.scorers.neighbours.candidate_loops import intermediates
 from wordcraft_kg.models.scorers.neighbours.feature_loops import support_terms
-from wordcraft_kg.models.scorers.neighbours.links import CELLS, link_features, links_by_key
+from wordcraft_kg.models.scorers.neighbours.links import CELLS, links_by_key
 from wordcraft_kg.models.scorers.neighbours.lists import Lists
 from wordcraft_kg.models.scorers.neighbours.pair_features import (
     FEATURES,
@@ -183,13 +183,39 @@ class RecipeKnowledge(StoredKnowledge):
         """
         if self._link_table(relation).numel():
             return self._from_table(relation, model, table, key[:, None])
-        links = self._by_model(
-            model,
-            (self.ids(key), self.ids(table)),
-            lambda lists, *keys: links_by_key(lists, relation, *keys).numpy(),
-        )
-        features = torch.from_numpy(links).to(key.device)
-        return self.ranker(f"{RELATIONS[relation]}_").of_models(features, model)
+        ranker = self.ranker(f"{RELATIONS[relation]}_")
+        scores = torch.empty(table.shape, device=key.device)
+        step = max(1, CELLS // table.shape[1])
+        for start in range(0, len(key), step):
+            block = slice(start, start + step)
+            links = self._by_model(
+                model[block],
+                (self.ids(key[block]), self.ids(table[block])),
+                lambda lists, *keys: links_by_key(lists, relation, *keys).numpy(),
+            )
+            features = torch.from_numpy(links).to(key.device)
+            scores[block] = ranker.of_models(features, model[block])
+        return scores
+
+    def link_scores(self, relation: int, heads: Tensor, tails: Tensor) -> Tensor:
+        """Score the links of all heads, ids (H,), with all tails, ids (N,), by the first model.
+
+        Returns:
+            shape (H, N), float32.
+        """
+        if self._link_table(relation).numel():
+            return self._from_table(relation, torch.zeros_like(heads), heads[:, None], tails)
+        # Few and small products: further threads would mostly wait.
+        with torch_threads(1):
+            if relation == COMBINES_WITH:
+                return self._scores_by_key(relation, heads, tails)
+            # All heads share what depends on a result.
+            return self._scores_by_key(relation, tails, heads).T
+
+    def _scores_by_key(self, relation: int, keys: Tensor, entities: Tensor) -> Tensor:
+        """Return :meth:`slot_scores` of all keys (B,) with all entities (A,)."""
+        table = entities.expand(len(keys), -1)
+        return self.slot_scores(relation, keys, table, torch.zeros_like(keys))
 
     def _by_model(
         self,
@@ -246,54 +272,6 @@ class RecipeKnowledge(StoredKnowledge):
             tails.clamp(max=last),
         ]
         return scores.float()
-
-    @torch.no_grad()
-    def link_scores(
-        self,
-        relation: int,
-        entities: Tensor,
-        candidates: Tensor | None = None,
-        *,
-        heads: bool = False,
-        model: int = 0,
-    ) -> Tensor:
-        """Score the links of some entities by a link ranker.
-
-        Args:
-            relation: relation id.
-            entities: ids on one side of the links, shape (B,).
-            candidates: ids on the other side, shape (B, N); None for all entities.
-            heads: whether candidates are the heads, not the tails.
-            model: number of the model.
-
-        Returns:
-            shape (B, N), or (B, E), float32.
-        """
-        table = self._link_table(relation)
-        if table.numel():
-            # Row = head: with candidates as heads, the entities are columns.
-            by_entity = table[model].T if heads else table[model]
-            columns = slice(None) if candidates is None else candidates
-            rows = entities if candidates is None else entities[:, None]
-            return by_entity[rows, columns].float()
-        ranker = self.ranker(f"{RELATIONS[relation]}_").model(model)
-        width = self.num_entities if candidates is None else candidates.shape[1]
-        scores = torch.zeros(len(entities), width)
-        step = max(1, CELLS // max(width, 1))
-        # Few and small products: further threads would mostly wait.
-        with torch_threads(1):
-            for start in range(0, len(entities), step):
-                block = slice(start, start + step)
-                features = link_features(
-                    self.lists(model),
-                    relation,
-                    self.ids(entities[block]),
-                    None if candidates is None else self.ids(candidates[block]),
-                    heads=heads,
-                )
-                # Without the entities of other books, which come last.
-                scores[block] = ranker(features)[:, :width]
-        return scores.to(entities.device)
 
     def word_cosines(self, entity: int, others: Tensor) -> Tensor:
         """Return word cosines of an entity and n others, shape (n,)."""

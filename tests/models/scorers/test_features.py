@@ -214,8 +214,8 @@ def test_more_than_a_fifth_without_a_vector_is_refused_unless_allowed():
     message = refused("glove", labels)
     listed = ", ".join(f"zqx{i:02}" for i in range(19))
     assert (
-        f"24 of 42 entities have no vector. Unknown words: waterzqx, {listed} and 5 more "
-        "(labels are split at blanks, _, -, :, / and capitals). " in message
+        f"24 of 42 entities have no vector. Unknown words: waterzqx, {listed} and 5 more. "
+        "Labels are split at blanks, _, -, :, / and capitals; " in message
     )
     assert "`features` one-hot, which needs no words, or `allow_missing`" in message
     assert refused("shuffled:glove", labels) == message

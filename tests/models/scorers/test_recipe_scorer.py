@@ -361,8 +361,8 @@ def test_a_witness_names_its_recipes_and_a_learned_link_its_own(evidence):
         ]
         assert list(reason.learned_from) == own[:RECIPES]
         assert reason.more == max(len(own) - RECIPES, 0)
-        assert reason.is_in_sample == ((head, relation, tail) in links)
-        learned += reason.is_in_sample
+        assert bool(reason.learned_from) == ((head, relation, tail) in links)
+        learned += bool(reason.learned_from)
         for witness in reason.witnesses:
             link = (of_label[witness.head], relation, of_label[witness.tail])
             rows = links[link]

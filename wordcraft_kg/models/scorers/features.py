@@ -32,6 +32,7 @@ from wordcraft_kg.base.settings import (
     whole,
 )
 from wordcraft_kg.base.wording import words_in
+from wordcraft_kg.runs.record import RunFiles, read_finished_run
 
 _RANDOM_DIMENSIONS = 300
 """As in the paper's released code."""
@@ -48,7 +49,6 @@ Pooling = Literal["mean", "max"]
 _POOLINGS: dict[str, Callable[..., Any]] = {"mean": np.mean, "max": np.max}
 _LISTED = 20
 """Most unknown words in an error."""
-_SPLIT = "labels are split at blanks, _, -, :, / and capitals"
 ENCODED = "vectors.npy"
 """Vectors of a sentence encoder, from ``encode`` or built in; ``vectors.labels.txt`` has labels."""
 ENCODE = "wordcraft-kg encode GRAPH --encoder sentence-transformers/all-MiniLM-L6-v2"
@@ -178,7 +178,12 @@ def make_features(
         features = _from_file(Path(spec), labels, pooling)
     elif parsed.is_path and os.path.isdir(spec):
         folder = Path(spec)
-        _check_folder(folder)
+        files = RunFiles(
+            folder, read_finished_run(folder, "a file or folder with vectors", ENCODED)
+        )
+        # Each file is read for its check by SHA-256.
+        for name in files.run.outputs:
+            files.bytes(name)
         features = _from_file(folder / ENCODED, labels, None, folder.resolve().name)
     else:
         names = (*VECTORS, *(SHUFFLED + name for name in VECTORS))
@@ -274,26 +279,21 @@ def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> No
     num_further = len(features.missing_words) - _LISTED
     if num_further > 0:
         words += f" and {num_further:,} more"
-    split = f" ({_SPLIT})"
     if spec == "minilm" or os.path.isdir(spec):
-        split = ""  # vectors of whole labels
         whose = "the built-in books' labels" if spec == "minilm" else "another book"
         remedy = (
             f"These are vectors of {whose}; encode this graph and any books in `with`: `{ENCODE}`, "
             "or use glove."
         )
-    elif missing < size:
-        remedy = (
-            f"At most {_MAX_MISSING_SHARE:.0%} may be missing: use vectors with these words, "
-            "`features` one-hot, which needs no words, or `allow_missing` for zeros."
-        )
     else:
         remedy = (
-            "Use vectors for the labels' language, or `features` one-hot, which needs no words."
+            f"Labels are split at blanks, _, -, :, / and capitals; at most {_MAX_MISSING_SHARE:.0%}"
+            " may be missing. Use vectors for the labels' language with these words, `features` "
+            "one-hot, which needs no words, or `allow_missing` for zeros if some have a vector."
         )
     raise ConfigError(
         f"`features` '{spec}': {missing:,} of {size:,} entities have no vector. "
-        f"Unknown words: {words}{split}. {remedy}"
+        f"Unknown words: {words}. {remedy}"
     )
 
 
@@ -391,15 +391,6 @@ def _glove_rows(words: tuple[str, ...]) -> NDArray[np.int64]:
 
 
 # --- from a file ----------------------------------------------------------------------------------
-
-
-def _check_folder(folder: Path) -> None:
-    """Check all files of a folder from ``encode`` by SHA-256."""
-    from wordcraft_kg.runs.record import RunFiles, read_finished_run
-
-    files = RunFiles(folder, read_finished_run(folder, "a file or folder with vectors", ENCODED))
-    for name in files.run.outputs:
-        files.bytes(name)
 
 
 def _from_file(

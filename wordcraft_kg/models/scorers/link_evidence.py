@@ -16,7 +16,6 @@ that share the head or the tail.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -82,11 +81,6 @@ class LinkReason(Record):
     evidence: float
     witnesses: tuple[LinkWitness, ...]
 
-    @property
-    def is_in_sample(self) -> bool:
-        """Whether the scorer was trained on the link."""
-        return bool(self.learned_from)
-
 
 class LinkEvidence:
     """Finds the training links, with their training recipes, that support a scored link.
@@ -101,8 +95,8 @@ class LinkEvidence:
         >>> model = open_model("models/kitchen")
         >>> evidence = LinkEvidence(model.scorer, model.train_sample.sets)
         >>> flour, water = model.scorer.entity_ids(["flour", "water"]).tolist()
-        >>> evidence.reason(flour, COMBINES_WITH, water).is_in_sample
-        True
+        >>> len(evidence.reason(flour, COMBINES_WITH, water).learned_from)
+        1
     """
 
     def __init__(self, scorer: TripleScorer, recipes: Ids):
@@ -311,8 +305,9 @@ class EntityRoles:
             ids and cosines, nearest first, without the entity itself; ties are in id order.
         """
         # The cosine of joined vectors is the mean of the roles' cosines, weighted by lengths.
+        total = np.linalg.norm(self.lengths, axis=1)
         # Without scores, weights are 0, not NaN.
-        products = np.maximum(self._total * self._total[entity], 1e-12)
+        products = np.maximum(total * total[entity], 1e-12)
         role_products = self.lengths * self.lengths[entity]
         weights = role_products / products[:, None]
         role_cosines = [self.alike(entity, relation, side) for relation, side in ROLES]
@@ -326,11 +321,6 @@ class EntityRoles:
             (neighbour, float(means[neighbour])) for neighbour in nearest if neighbour != entity
         ]
         return neighbours[:limit]
-
-    @cached_property
-    def _total(self) -> _Rows:
-        """Lengths of the joined vectors, shape (E,)."""
-        return np.asarray(np.linalg.norm(self.lengths, axis=1))
 
 
 ROLES: tuple[tuple[int, Side], ...] = (

@@ -13,7 +13,6 @@ from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, Ids
 from wordcraft_kg.models.scorers.neighbours.blocks import of_blocks
 from wordcraft_kg.models.scorers.neighbours.candidate_loops import intermediates
-from wordcraft_kg.models.scorers.neighbours.feature_loops import support_terms
 from wordcraft_kg.models.scorers.neighbours.links import CELLS, links_by_key
 from wordcraft_kg.models.scorers.neighbours.lists import Lists
 from wordcraft_kg.models.scorers.neighbours.pair_features import (
@@ -23,6 +22,7 @@ from wordcraft_kg.models.scorers.neighbours.pair_features import (
     pairs_of,
     with_link_scores,
 )
+from wordcraft_kg.models.scorers.neighbours.similar import alike_of
 from wordcraft_kg.models.scorers.neighbours.storage import StoredKnowledge
 
 LEAST_SHARE = 0.01
@@ -281,15 +281,12 @@ class RecipeKnowledge(StoredKnowledge):
         """Return whether the first model has a recipe of an entity with each other, shape (n,)."""
         lists = self.lists()
         # The entity is the first ingredient of a recipe, or the second.
-        after = lists.second[lists.first == entity]
-        before = lists.first[lists.second == entity]
-        partners = torch.from_numpy(np.concatenate([after, before]))
-        return torch.isin(others, partners)
+        partners = [lists.second[lists.first == entity], lists.first[lists.second == entity]]
+        return torch.isin(others, torch.from_numpy(np.concatenate(partners)))
 
     def log_uses(self) -> Tensor:
         """Return log(1 + recipes of the first model that use an entity), shape (E,)."""
-        uses = self.lists().num_uses[: self.num_entities]
-        return torch.from_numpy(uses).float().log1p()
+        return torch.from_numpy(self.lists().num_uses[: self.num_entities]).float().log1p()
 
     def intermediates(
         self,
@@ -350,22 +347,27 @@ class RecipeKnowledge(StoredKnowledge):
         """
         a, b, goal = self.ids(torch.tensor([a, b, goal])).tolist()
         lists = self.lists(model)
-        numbers = lists.support[goal]
-        orders = np.zeros((len(numbers), 2), dtype=np.float32)
-        support_terms(lists, a, b, goal, orders)
         # -1 ends the list.
-        numbers = numbers[numbers >= 0]
-        orders = orders[: len(numbers)]
+        numbers = lists.support[goal][lists.support[goal] >= 0]
+        columns = (lists.first[numbers], lists.second[numbers], lists.result[numbers])
+        # By entity of the pair, ingredient of the recipe, and recipe.
+        kernels = np.empty((2, 2, len(numbers)), dtype=np.float32)
+        structure = np.zeros(len(lists.norms), dtype=np.float32)
+        cosines = np.empty(len(numbers), dtype=np.float32)
+        for side, part in np.ndindex(2, 2):
+            alike_of(lists, (a, b)[side], columns[part], structure, kernels[side, part], cosines)
+        squares = kernels**2
+        straight = squares[0, 0] * squares[1, 1]
+        crossed = squares[0, 1] * squares[1, 0]
         like_goal = lists.support_alike[goal, : len(numbers)]
         # Both orders count as evidence, as in the feature; a weight is the better order's alone.
-        evidence = like_goal * orders.sum(1)
-        weights = np.minimum(like_goal * orders.max(1, initial=0), 1)
+        evidence = like_goal * (straight + crossed)
+        weights = np.minimum(like_goal * np.maximum(straight, crossed), 1)
         # Without evidence all shares are 0, not NaN.
         smallest = np.finfo(np.float32).tiny
         shares = evidence / max(evidence.sum(), smallest)
         strengths = evidence / max(evidence.max(initial=0), smallest)
-        columns = (lists.first, lists.second, lists.result)
-        recipes = np.stack([column[numbers] for column in columns], axis=1)
+        recipes = np.stack(columns, axis=1)
         is_other = (recipes[:, 2] != goal) | (shares < LEAST_SHARE)
         # The last key counts first; ties stay in the order of the list.
         by_share = np.lexsort((-evidence, is_other))

@@ -35,7 +35,7 @@ negatives).
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -48,12 +48,11 @@ from torch import Tensor, nn
 
 from wordcraft_kg.base.records import Coefficient, Count, Record, Share, Slope
 from wordcraft_kg.graphs import RELATIONS, Folds, Ids, distinct, is_in, recipe_keys
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.pair_features import only_pair, pairs_of
-from wordcraft_kg.models.scorers.protocol import RecipeScores, TripleScorer
+from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.ranking import sampled
-
-if TYPE_CHECKING:
-    from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 SEGMENTS = (3.0, 6.0)
 """Log-odds at which the slope may change: the best 5 % and the best .25 % of all pairs.
@@ -204,7 +203,7 @@ class RecipeCurve(Record, frozen=True, kw_only=True):
 
     def log_probabilities(
         self,
-        knowledge: "RecipeKnowledge",
+        knowledge: RecipeKnowledge,
         goal: Tensor,
         table: Tensor,
         model: Tensor,
@@ -230,17 +229,12 @@ class RecipeCurve(Record, frozen=True, kw_only=True):
         features = knowledge.features(goal, table, model, pairs)
         scores = knowledge.scores(features, model)
         intercepts = torch.tensor(self.intercepts, device=scores.device)
-        kinds = kinds_of(knowledge, features)
+        kinds = knowledge.kinds(features)
         shift = torch.where(model == 0, self.shift, 0.0)[:, None] + prior
         log_odds = intercepts[kinds] + shift + self.slope * scores
         is_trained_on = knowledge.feature(features, "makes") > 0
         # A known recipe is certain: log 1 = 0.
         return nn.functional.logsigmoid(log_odds).masked_fill(is_trained_on, 0)
-
-
-def kinds_of(knowledge: "RecipeKnowledge", features: Tensor) -> Tensor:
-    """Return each recipe's kind, see :data:`KINDS`, from its features, shape (..., F)."""
-    return (knowledge.feature(features, "goal_made") > 0).long()
 
 
 @dataclass(frozen=True)
@@ -413,7 +407,7 @@ def score_fold(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0) 
             # Pairs of different entities have number 0, self pairs 1.
             kinds = (rows[:, 0] == rows[:, 2]).astype(np.int64)
             np.add.at(counts[relation], (kinds, bins), weight_of_row)
-    if not isinstance(scorer, RecipeScores):
+    if not isinstance(scorer, RecipeScorer):
         return HeldOut(positives, unlabelled)
     results, is_right = _candidates(scorer, folds, fold, seed)
     recipes = recipe_histogram(scorer, folds, fold, seed=seed)
@@ -457,7 +451,7 @@ def known_share(folds: Folds, relation: int) -> float:
     return 1 / (1 + outside / fold_size * falling)
 
 
-def recipe_histogram(scorer: RecipeScores, folds: Folds, fold: int, *, seed: int = 0) -> _Floats:
+def recipe_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int = 0) -> _Floats:
     """Count scores of recipes that the scorer has not seen, by kind.
 
     Args:
@@ -534,7 +528,7 @@ def _pair_weights(num_slots: int, size: int, tables: float) -> _Floats:
 
 
 def _candidates(
-    scorer: RecipeScores, folds: Folds, fold: int, seed: int
+    scorer: RecipeScorer, folds: Folds, fold: int, seed: int
 ) -> tuple[_Floats, NDArray[np.bool_]]:
     """Return scores of candidates for sampled pairs of a fold, (N, C), and which are right."""
     size = len(scorer.entities)

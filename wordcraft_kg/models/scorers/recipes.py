@@ -12,8 +12,7 @@ from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.pair_features import only_pair
 from wordcraft_kg.models.scorers.neighbours.results import CANDIDATES, results_of
 from wordcraft_kg.models.scorers.neighbours.storage import check_stored
-from wordcraft_kg.models.scorers.probabilities import kinds_of
-from wordcraft_kg.models.scorers.protocol import RecipeScores as RecipeScores, Witness as Witness
+from wordcraft_kg.models.scorers.protocol import Witness as Witness
 from wordcraft_kg.models.scorers.score_limits import has_table
 from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer
 
@@ -28,7 +27,7 @@ _MANY = 8
 """With more links than a share of 1 / 8, all links are scored, which is faster, and kept."""
 
 
-class RecipeScorer(StoredScorer, RecipeScores):
+class RecipeScorer(StoredScorer):
     """A learned scorer for recipes and links: small networks (rankers) on recipe features.
 
     The networks learn from out-of-sample features. Recipe scores are in nats: the log-odds, up to a
@@ -208,20 +207,43 @@ class RecipeScorer(StoredScorer, RecipeScores):
         every = torch.arange(size, device=self.device).expand(len(ingredients), size)
         return every, self.score_recipes(ingredients[:, None], others[:, None], every)
 
-    def score_pairs(  # noqa: D102 - inherited
+    def score_pairs(
         self, goal: Tensor, table: Tensor, pairs: tuple[Tensor, Tensor] | None = None
     ) -> tuple[Tensor, Tensor]:
+        """Score pairs of slots for goals.
+
+        Args:
+            goal: ids, shape (B,).
+            table: ids in the slots, shape (B, A).
+            pairs: first and second slot of P pairs, shape (P,) each; None for all pairs.
+
+        Returns:
+            scores in nats, and whether a train recipe makes the goal (0 or 1), shape (B, P) each.
+        """
         model = torch.zeros_like(goal)
         features = self.knowledge.features(goal, table, model, pairs)
-        return self.knowledge.scores(features, model), kinds_of(self.knowledge, features)
+        return self.knowledge.scores(features, model), self.knowledge.kinds(features)
 
-    def supporting_recipes(  # noqa: D102 - inherited
+    def supporting_recipes(
         self,
         ingredient: str,
         other: str,
         result: str,
         limit: int = 5,
     ) -> list[Witness]:
+        """Return training recipes that support a recipe: those for ``result`` first.
+
+        The recipe itself is among them if the model was trained on it.
+
+        Args:
+            ingredient: label of an ingredient.
+            other: label of the other ingredient.
+            result: label of the result.
+            limit: maximum number of recipes.
+
+        Raises:
+            UnknownEntityError: for a label that the scorer does not know.
+        """
         a, b, goal = self.entity_ids([ingredient, other, result]).tolist()
         supports = self.knowledge.supporting_recipes(a, b, goal, limit=limit)
         return [Witness.of(support, self.entities) for support in supports]

@@ -91,6 +91,10 @@ class RecipeKnowledge(StoredKnowledge):
         """Return a feature by name, shape (B, P), from :meth:`features`."""
         return features[..., FEATURES.index(name)]
 
+    def kinds(self, features: Tensor) -> Tensor:
+        """Return whether a train recipe makes the goal (0 or 1), (B, P), from :meth:`features`."""
+        return (self.feature(features, "goal_made") > 0).long()
+
     def features(
         self,
         goal: Tensor,

@@ -62,18 +62,6 @@ class TableScorer(StoredScorer):
     ) -> "TableScorer":
         return cls(tensors["scores"], entities, graph_hash, **settings)
 
-    @classmethod
-    def of(cls, scorer: Scorer) -> "TableScorer":
-        """Tabulate all scores of another scorer, on its device and with its name."""
-        scores = torch.stack([scorer.table(relation) for relation in range(len(RELATIONS))])
-        return TableScorer(
-            scores,
-            scorer.entities,
-            scorer.graph_hash,
-            device=scorer.device,
-            name=scorer.name,
-        )
-
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         # One index into the flat table takes less time than three indices into three axes.
         size = len(self.entities)
@@ -198,8 +186,11 @@ class ComplExScorer(StoredScorer):
         **settings: Any,
     ) -> Scorer:
         scorer = cls(tensors, entities, graph_hash, **settings)
+        if not has_table(len(entities)):
+            return scorer
         # Where it has room, a table: scores are looked up many times in a training.
-        return TableScorer.of(scorer) if has_table(len(entities)) else scorer
+        scores = torch.stack([scorer.table(relation) for relation in range(len(RELATIONS))])
+        return TableScorer(scores, entities, graph_hash, **settings)
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         # Grids of queries and candidates are one matrix product; the plain formula would build a

@@ -235,7 +235,7 @@ class EntityRoles:
     coordinates for the same vectors.
 
     Attributes:
-        units: unit vectors by relation and side (head, tail), shape (E, m); 0 for entities without
+        units: unit vectors for each of :data:`ROLES`, shape (E, m) each; 0 for entities without
             scores.
         lengths: shape (E, 4), float32: vector lengths by entity and role, relative to the role's
             root mean square.
@@ -247,7 +247,7 @@ class EntityRoles:
         ['pear', 'lemon']
     """
 
-    units: tuple[tuple[_Rows, _Rows], ...]
+    units: tuple[_Rows, ...]
     lengths: _Rows
 
     @classmethod
@@ -269,14 +269,12 @@ class EntityRoles:
                 check_table("comparing entities by scores", size)
                 table = centred(scorer.table(relation).cpu().numpy())
                 roles = table, np.ascontiguousarray(table.T)
-            side_units = []
             for rows in roles:
                 norms = np.linalg.norm(rows, axis=1)
-                side_units.append(_unit(rows, norms))
+                units.append(_unit(rows, norms))
                 # Relative lengths: each role counts alike, whatever the scale of its scores.
                 root_mean_square = np.sqrt(np.mean(norms**2))
                 lengths.append(norms / (root_mean_square or 1.0))
-            units.append((side_units[0], side_units[1]))
         return cls(tuple(units), np.stack(lengths, axis=1).astype(np.float32))
 
     def alike(self, entity: int, relation: int, side: Side) -> _Rows:
@@ -290,8 +288,7 @@ class EntityRoles:
         Returns:
             shape (E,), float32.
         """
-        as_head, as_tail = self.units[relation]
-        rows = as_head if side == "head" else as_tail
+        rows = self.units[ROLES.index((relation, side))]
         return np.asarray(rows @ rows[entity])
 
     def nearest(self, entity: int, limit: int = 5) -> list[tuple[int, float]]:
@@ -329,7 +326,7 @@ ROLES: tuple[tuple[int, Side], ...] = (
     (COMPONENT_OF, "head"),
     (COMPONENT_OF, "tail"),
 )
-"""Relations and sides, in the order of :attr:`EntityRoles.lengths`."""
+"""Relations and sides, in the order of :attr:`EntityRoles.units`."""
 
 
 def centred(scores: NDArray[Any]) -> NDArray[Any]:

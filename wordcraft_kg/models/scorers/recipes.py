@@ -134,7 +134,8 @@ class RecipeScorer(StoredScorer):
         if number in self._tables:
             return self._tables[number]
         every = torch.arange(len(self.entities), device=self.device)
-        scores = self.knowledge.link_scores(number, every, every)
+        # By rows in memory: sums over a table depend on its order.
+        scores = self.knowledge.link_scores(number, every, every).contiguous()
         # Computed once: ranking and calibration ask for many parts of it.
         if has_table(len(self.entities)):
             self._tables[number] = scores

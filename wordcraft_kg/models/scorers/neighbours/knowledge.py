@@ -31,6 +31,8 @@ _ROWS = 64
 """Fewest tables for a thread: starting it takes as long as a few tables."""
 _BLOCK = 32
 """Most tables that a thread takes at once: few, so that all threads end at about the same time."""
+_HEADS = 128
+"""Heads whose links to all results are scored together: their rows stay in the fast cache."""
 
 
 class Support(NamedTuple):
@@ -213,8 +215,9 @@ class RecipeKnowledge(StoredKnowledge):
         with torch_threads(1):
             if relation == COMBINES_WITH:
                 return self._scores_by_key(relation, heads, tails)
-            # All heads share what depends on a result.
-            return self._scores_by_key(relation, tails, heads).T
+            # All heads of a block share what depends on a result.
+            blocks = heads.split(_HEADS)
+            return torch.cat([self._scores_by_key(relation, tails, block).T for block in blocks])
 
     def _scores_by_key(self, relation: int, keys: Tensor, entities: Tensor) -> Tensor:
         """Return :meth:`slot_scores` of all keys (B,) with all entities (A,)."""

@@ -227,7 +227,7 @@ class RecipeCurve(Record, frozen=True, kw_only=True):
             shape (B, P), in nats: 0 for known recipes. Pairs with an empty slot have no meaning.
         """
         features = knowledge.features(goal, table, model, pairs)
-        scores = knowledge.scores(features, model)
+        scores = knowledge.ranker().of_models(features, model)
         intercepts = torch.tensor(self.intercepts, device=scores.device)
         kinds = knowledge.kinds(features)
         shift = torch.where(model == 0, self.shift, 0.0)[:, None] + prior

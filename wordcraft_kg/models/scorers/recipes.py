@@ -223,7 +223,8 @@ class RecipeScorer(StoredScorer):
         """
         model = torch.zeros_like(goal)
         features = self.knowledge.features(goal, table, model, pairs)
-        return self.knowledge.scores(features, model), self.knowledge.kinds(features)
+        scores = self.knowledge.ranker().of_models(features, model)
+        return scores, self.knowledge.kinds(features)
 
     def supporting_recipes(
         self,

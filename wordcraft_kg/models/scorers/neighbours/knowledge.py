@@ -74,7 +74,7 @@ class RecipeKnowledge(StoredKnowledge):
             IndexError: as :meth:`features`.
         """
         features = self.features(goal, table, model)
-        pair_scores = self.scores(features, model)
+        pair_scores = self.ranker().of_models(features, model)
         num_slots = table.shape[1]
         scores = pair_scores.new_empty(*table.shape, num_slots)
         # A pair is scored once, for both orders of its slots.
@@ -84,10 +84,6 @@ class RecipeKnowledge(StoredKnowledge):
         is_empty = table == self.num_entities
         has_empty = is_empty[:, :, None] | is_empty[:, None]
         return scores.masked_fill(has_empty, -torch.inf)
-
-    def scores(self, features: Tensor, model: Tensor) -> Tensor:
-        """Score P slot pairs, (B, P), in nats, from their :meth:`features`, (B, P, F)."""
-        return self.ranker().of_models(features, model)
 
     def feature(self, features: Tensor, name: str) -> Tensor:
         """Return a feature by name, shape (B, P), from :meth:`features`."""

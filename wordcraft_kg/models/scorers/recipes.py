@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
+from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.triples import COMBINES_WITH
 from wordcraft_kg.models.scorers.factors import grids
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
@@ -118,10 +119,11 @@ class RecipeScorer(StoredScorer):
                 # Rankings ask for all entities, whose links share work.
                 scores[is_own] = self.knowledge.link_scores(relation, own_heads[:, 0], own_tails[0])
             else:
-                # A row has one tail.
+                # A row has one tail. Few and small products: further threads would mostly wait.
                 key = own_tails[:, 0]
                 model = torch.zeros_like(key)
-                scores[is_own] = self.knowledge.slot_scores(relation, key, own_heads, model)
+                with torch_threads(1):
+                    scores[is_own] = self.knowledge.slot_scores(relation, key, own_heads, model)
         return scores.view(shape)
 
     def _has_table(self, relation: int, num_scores: int) -> bool:

@@ -32,7 +32,7 @@ def short_fits():
 def words_of(vectors):
     """Knowledge of words whose vectors are drawn."""
     known = np.ones(len(vectors), dtype=bool)
-    return Words.of(EntityFeatures("drawn", vectors.astype(np.float32), known, (), ()))
+    return Words.of(EntityFeatures("drawn", vectors.astype(np.float32), known, ()))
 
 
 def assert_sources_are_restored(scorer, tasks):

@@ -207,7 +207,8 @@ class RecipeDiscoverer(BestPairDiscoverer):
         """Return componentOf scores of n entities, (n, E), each computed once."""
         new = [entity for entity in dict.fromkeys(entities) if entity not in self._links]
         if new:
-            scores = self._knowledge.link_scores(COMPONENT_OF, torch.tensor(new))
+            every = torch.arange(self._knowledge.num_entities)
+            scores = self._knowledge.link_scores(COMPONENT_OF, torch.tensor(new), every)
             self._links |= zip(new, scores, strict=True)
         return torch.stack([self._links[entity] for entity in entities])
 

@@ -47,7 +47,7 @@ from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence, Outsid
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.neighbours.knowledge import LEAST_SHARE
 from wordcraft_kg.models.scorers.neighbours.results import CANDIDATES
-from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores, Witness
+from wordcraft_kg.models.scorers.recipes import RecipeScorer, Witness
 from wordcraft_kg.models.scorers.scorer import Scorer
 
 OPEN = ("_", "?")
@@ -568,7 +568,7 @@ class RecipeScoring(Scoring):
     """
 
     def __post_init__(self) -> None:
-        if not isinstance(self.scorer, RecipeScores):
+        if not isinstance(self.scorer, RecipeScorer):
             raise ConfigError(
                 f"{self.model.scorer.name} scores no recipes of pairs. Give a link, such as flour "
                 "combinesWith water, or train a recipe scorer with `wordcraft-kg train-recipes`; "
@@ -576,12 +576,12 @@ class RecipeScoring(Scoring):
             )
 
     @property
-    def scorer(self) -> RecipeScores:
+    def scorer(self) -> RecipeScorer:
         """The recipe scorer; of a cross-fitted one that of all train recipes.
 
         It answers because queries are about new recipes.
         """
-        return cast(RecipeScores, whole_of(self.model.scorer))
+        return cast(RecipeScorer, whole_of(self.model.scorer))
 
     @cached_property
     def book(self) -> pd.Index:
@@ -631,7 +631,7 @@ class RecipeScoring(Scoring):
         """
         scorer = self.scorer
         is_pair = query.slots[2] is None
-        if not (is_pair and isinstance(scorer, RecipeScorer) and scorer.proposes_results):
+        if not (is_pair and scorer.proposes_results):
             return super().candidates(query, top)
         a, b = (scorer.entity_ids([label]) for label in query.labels)
         ids, scores = scorer.candidate_results(a, b, max(top, CANDIDATES))

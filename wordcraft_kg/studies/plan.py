@@ -454,9 +454,9 @@ def content_of(features: Value | None) -> dict[str, str]:
         raise refuse("features", features, expected, nearest(spec.source, NAMES))
     path = path / ENCODED if path.is_dir() else path
     files = [path]
-    # An array has its labels in a file beside it, under either name.
+    # An array has its labels in a file beside it.
     if path.suffix.lower() == ".npy":
-        files += [path.with_suffix(".labels.txt"), path.with_suffix(".txt")]
+        files.append(path.with_suffix(".labels.txt"))
     hashes = [sha256_of(file) for file in files if file.is_file()]
     return {"content": " ".join(hashes)}
 

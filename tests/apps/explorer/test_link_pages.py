@@ -37,7 +37,7 @@ def test_a_link_has_the_score_ranks_and_probability_that_reports_give_it(kernel)
         assert view.as_head.rank == ranks["rank"].iloc[row + len(triples)]
         assert view.as_head.candidates == ranks["candidates"].iloc[row + len(triples)]
         is_learned = view.known == "train"
-        assert (view.status == "learned") == view.reason.is_in_sample == is_learned
+        assert (view.status == "learned") == bool(view.reason.learned_from) == is_learned
         chance = (
             None if is_learned else pytest.approx(float(scorer.probability(head, relation, tail)))
         )
@@ -192,7 +192,7 @@ def test_each_prediction_names_links_of_training_that_speak_for_it(neighbours):
     known, named = {(a, b) for a, b, _ in neighbours.split.recipes("train").tolist()}, 0
     slot = neighbours.slot(3, COMBINES_WITH, "tail")
     for row in neighbours.best(slot, witnesses=3).best:
-        assert not row.reason.is_in_sample
+        assert not row.reason.learned_from
         for witness in row.reason.witnesses:
             pair = sorted(neighbours.graph.id_of(label) for label in (witness.head, witness.tail))
             assert tuple(pair) in known

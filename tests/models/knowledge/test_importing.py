@@ -485,15 +485,11 @@ def test_the_source_is_the_score_of_the_selection_or_of_the_best_partner(scorer)
         source_class("t").restored(nothing, {"keys": source.keys.flip(0), "values": source.values})
 
 
-def test_a_triple_has_the_best_score_of_its_sets_and_a_set_its_own(scorer):
+def test_a_triple_has_the_best_score_of_its_sets(scorer):
     assert scorer.score("flour", "componentOf", "dough") == scorer.values.max()
     assert scorer.score("water", "combinesWith", "flour") == scorer.values.max()
     assert scorer.score("egg", "combinesWith", "egg") == scorer.values.min()
     assert scorer.score("flour", "componentOf", "bread") == 0
-    sets = np.full((2, 8), -1)
-    sets[:, :2] = GRAPH.id_of("water"), GRAPH.id_of("flour")
-    goals = np.array([GRAPH.id_of("dough"), GRAPH.id_of("bread")])
-    assert scorer.score_sets(sets, goals).tolist() == [scorer.values.max(), 0]
 
 
 @pytest.mark.parametrize(

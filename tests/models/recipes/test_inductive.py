@@ -115,8 +115,8 @@ def test_an_entity_of_no_recipe_is_scored_in_the_graph_as_out_of_it(opened_kitch
     outside = make_lists(recipes, vectors, nearest_words(vectors, size))
     every = np.arange(size + 1)
     for relation in (COMBINES_WITH, COMPONENT_OF):
-        found = link_features(inside, relation, every)
-        expected = link_features(outside, relation, every)[order][:, order]
+        found = link_features(inside, relation, every, every)
+        expected = link_features(outside, relation, every, every)[order][:, order]
         torch.testing.assert_close(found, expected, rtol=1e-2, atol=1e-2)
 
 
@@ -132,8 +132,10 @@ def test_a_new_entity_goes_where_one_with_the_same_words_goes(scorer, model):
     made = torch.unique(recipes[(recipes[:, :2] == twin).any(1), 2]).long()
     size = len(scorer.entities)
     # By kernel regression: the ranker learned from words without a meaning.
-    features = link_features(more.knowledge.lists(), COMPONENT_OF, np.array([size]))
-    row = features[0, :size, OF_COMPONENTS.index("regression")]
+    features = link_features(
+        more.knowledge.lists(), COMPONENT_OF, np.array([size]), np.arange(size)
+    )
+    row = features[0, :, OF_COMPONENTS.index("regression")]
     ranks = (row[None] > row[made][:, None]).sum(1)
     assert float(ranks.float().mean()) < size / 4  # half of all by chance
 

@@ -1,11 +1,8 @@
 """Neighbour lists and their features: against full tables, with ties, hubs and pairs with many results."""
 
-import importlib.util
 import math
-import sys
 from itertools import product
 
-import numba
 import numpy as np
 import pytest
 import torch
@@ -244,40 +241,35 @@ def test_links_have_the_features_of_their_definitions():
     lists = full_lists(recipes, vectors)
     slow = SlowFeatures(recipes, vectors)
     every = np.arange(SIZE)
-    found = link_features(lists, COMBINES_WITH, every).numpy()
+    found = link_features(lists, COMBINES_WITH, every, every).numpy()
     completed = np.log(FLOOR + completion(recipes, SIZE).numpy())
     place = OF_COMBINES.index("completion")
     np.testing.assert_allclose(found[..., place], completed, rtol=1e-4, atol=1e-4)
     found = np.delete(found, place, axis=2)
     for a, b in product(range(SIZE), repeat=2):
         np.testing.assert_allclose(found[a, b], slow.of_combines(a, b), rtol=2e-3, atol=2e-3)
-    found = link_features(lists, COMPONENT_OF, every).numpy()
+    found = link_features(lists, COMPONENT_OF, every, every).numpy()
     for x, c in product(range(SIZE), repeat=2):
         expected = slow.of_component(x, c)
         np.testing.assert_allclose(found[x, c], expected, rtol=2e-3, atol=2e-3)
 
 
 @pytest.mark.parametrize("width", [2, SIZE])
-def test_heads_tails_candidates_and_all_entities_have_the_same_features_of_links(width):
+def test_links_have_the_same_features_in_a_table_and_one_by_one(width):
     recipes = distinct(random_graph(5, SIZE, 60).recipes)
     vectors = unit_vectors()
     near = nearest_words(vectors, width)
     lists = make_lists(recipes, vectors, near, nearest=width, used=width, made=width, rank=5)
     every = np.arange(SIZE)
-    tails = link_features(lists, COMPONENT_OF, every)
-    heads = link_features(lists, COMPONENT_OF, every, heads=True)
-    assert torch.equal(heads, tails.transpose(0, 1))
-    pairs = link_features(lists, COMBINES_WITH, every)
+    components = link_features(lists, COMPONENT_OF, every, every)
+    pairs = link_features(lists, COMBINES_WITH, every, every)
     torch.testing.assert_close(pairs, pairs.transpose(0, 1), rtol=1e-5, atol=1e-5)
-    candidates = np.random.default_rng(0).integers(SIZE, size=(SIZE, 4))
-    some = torch.from_numpy(candidates)[..., None]
-    for links, relation, asks_heads in (
-        (tails, COMPONENT_OF, False),
-        (heads, COMPONENT_OF, True),
-        (pairs, COMBINES_WITH, False),
-    ):
-        found = link_features(lists, relation, every, candidates, heads=asks_heads)
-        assert torch.equal(found, links.gather(1, some.expand_as(found)))
+    for key in every:
+        heads = every[:4][None]
+        alone = links_by_key(lists, COMPONENT_OF, every[key : key + 1], heads)
+        assert torch.equal(alone[0], components[:4, key])
+        alone = links_by_key(lists, COMBINES_WITH, every[key : key + 1], heads)
+        assert torch.equal(alone[0], pairs[key, :4])
 
 
 def test_a_book_too_large_for_matrices_of_similarities_has_the_same_features(monkeypatch):
@@ -474,56 +466,4 @@ def test_books_with_hardly_a_recipe_have_features(recipes):
     lists = make_lists(rows, vectors, nearest_words(vectors))
     assert np.isfinite(features_of_tables(lists, np.array([2]), np.array([[0, 1]]))).all()
     for relation in (COMBINES_WITH, COMPONENT_OF):
-        assert link_features(lists, relation, np.arange(3)).isfinite().all()
-
-
-SOURCE = """
-from wordcraft_kg.models.scorers.neighbours.compiled import compiled
-
-@compiled
-def doubled(values):
-    for place in range(len(values)):
-        values[place] *= 2
-
-@compiled
-def tripled(values):
-    for place in range(len(values)):
-        values[place] *= 3
-"""
-
-
-@pytest.fixture
-def call(tmp_path, monkeypatch):
-    """Import a loop anew, as a new process does, call it, and return its number of cache hits."""
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
-    path = tmp_path / "loops.py"
-    path.write_text(SOURCE)
-
-    def call(further=""):
-        spec = importlib.util.spec_from_file_location("loops", path)
-        module = importlib.util.module_from_spec(spec)
-        monkeypatch.setitem(sys.modules, "loops", module)
-        spec.loader.exec_module(module)
-        values = np.arange(3)
-        module.doubled(values)
-        assert values.tolist() == [0, 2, 4]
-        if further == "loop":
-            module.tripled(values)
-            assert values.tolist() == [0, 6, 12]
-        elif further == "types":
-            module.doubled(np.ones(1))
-        return sum(module.doubled.stats.cache_hits.values())
-
-    assert call() == 0
-    assert call() == 1
-    return call
-
-
-@pytest.mark.parametrize("further", ["loop", "types"])
-def test_machine_code_of_another_loop_or_for_other_types_never_runs(call, tmp_path, further):
-    """Both files are as they were written, but one lies in the place of the other."""
-    call(further)
-    paths = sorted((tmp_path / "cache").rglob("*.nbc"))
-    paths[0].write_bytes(paths[1].read_bytes())
-    assert call() == 0
-    assert call() == 1
+        assert link_features(lists, relation, np.arange(3), np.arange(3)).isfinite().all()

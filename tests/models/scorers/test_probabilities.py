@@ -38,8 +38,7 @@ from wordcraft_kg.models.scorers.probabilities import (
     Curve,
     HeldOut,
     Probabilities,
-    _covered,
-    _temperature,
+    _fit_results,
     fit_curve,
     fit_sigmoid,
     known_share,
@@ -288,7 +287,5 @@ def test_a_book_whose_results_nobody_proposes_has_shares_of_zero():
     nothing = np.zeros((2, 2, 1))
     scores = np.array([[2.0, 1.0, -np.inf], [0.5, 0.0, -1.0]])
     none_right = np.zeros((2, 3), dtype=bool)
-    seen = [HeldOut(nothing, nothing, scores, none_right, None, proposes=True)]
-    assert _covered(seen) == 0
     # Without a temperature the model would refuse to list results at all.
-    assert _temperature(seen) == 1
+    assert _fit_results([HeldOut(nothing, nothing, scores, none_right)]) == (1, 0)

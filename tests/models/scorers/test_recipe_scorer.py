@@ -38,14 +38,13 @@ from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.kernel import completion, profiles
 from wordcraft_kg.models.scorers.link_evidence import POWER, RECIPES, LinkEvidence
-from wordcraft_kg.models.scorers.protocol import RecipeScores
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 
 
 @pytest.fixture(scope="module")
 def scorer(cross_fitted):
     found = whole_of(cross_fitted)
-    assert isinstance(found, RecipeScores)
+    assert isinstance(found, recipes.RecipeScorer)
     assert whole_of(found) is found
     return found
 
@@ -72,7 +71,6 @@ def test_a_recipe_has_one_score_however_it_is_asked(scorer):
 
 def test_a_loaded_cross_fitted_scorer_scores_as_its_whole(cross_fitted, scorer):
     """A loaded cross fitted scorer scores recipes as the scorer of all recipes."""
-    assert isinstance(cross_fitted, RecipeScores)
     recipe = "flour", "water", "dough"
     assert torch.equal(cross_fitted.score_recipes(*recipe), scorer.score_recipes(*recipe))
     assert cross_fitted.supporting_recipes(*recipe) == scorer.supporting_recipes(*recipe)
@@ -361,8 +359,8 @@ def test_a_witness_names_its_recipes_and_a_learned_link_its_own(evidence):
         ]
         assert list(reason.learned_from) == own[:RECIPES]
         assert reason.more == max(len(own) - RECIPES, 0)
-        assert reason.is_in_sample == ((head, relation, tail) in links)
-        learned += reason.is_in_sample
+        assert bool(reason.learned_from) == ((head, relation, tail) in links)
+        learned += bool(reason.learned_from)
         for witness in reason.witnesses:
             link = (of_label[witness.head], relation, of_label[witness.tail])
             rows = links[link]

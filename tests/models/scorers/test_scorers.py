@@ -48,7 +48,7 @@ EMBEDDINGS = embeddings(SIZE, 5)
 COMPLEX = ComplExScorer(EMBEDDINGS, GRAPH.entities, GRAPH.hash)
 SCORERS: dict[str, Scorer] = {
     "complex": COMPLEX,
-    "table": TableScorer.of(COMPLEX),
+    "table": ComplExScorer.restored(COMPLEX.tensors(), COMPLEX.entities, COMPLEX.graph_hash),
     "symbolic": SymbolicScorer(GRAPH, GRAPH.triples),
     "frequency": FrequencyScorer(GRAPH, GRAPH.triples[::2]),
     "votes": VoteScorer(GRAPH, GRAPH.recipes[::2]),

@@ -32,7 +32,7 @@ from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.link_evidence import LinkEvidence, LinkReason, Side
-from wordcraft_kg.models.scorers.recipes import RecipeScores
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 NEW = len(PARTS)
 """Part of a triple that no recipe of the book gives."""
@@ -242,7 +242,7 @@ class LinkPredictor:
     @property
     def scores_recipes(self) -> bool:
         """Whether the model scores recipes, not only links (triples)."""
-        return isinstance(whole_of(self.model.scorer), RecipeScores)
+        return isinstance(whole_of(self.model.scorer), RecipeScorer)
 
     @property
     def has_seen_the_test_recipes(self) -> bool:

@@ -36,7 +36,7 @@ from wordcraft_kg.graphs import OpenedGraph, padded
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.players import Player
-    from wordcraft_kg.models.scorers.protocol import RecipeScores
+    from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 Style = Literal["tools", "text"]
 """Attempts as calls of the tool ``combine``, or as answers ``first + second``."""
@@ -243,7 +243,7 @@ def chat_rows(
     player: "Player",
     settings: ChatSettings,
     counts: ChatCounts,
-    scorer: "RecipeScores | None" = None,
+    scorer: "RecipeScorer | None" = None,
 ) -> Iterator[dict[str, Any]]:
     """Let a player play the train tasks, and yield the conversations.
 
@@ -343,7 +343,7 @@ def _said(
     settings: ChatSettings,
     wording: int,
     rng: np.random.Generator,
-    scorer: "RecipeScores | None",
+    scorer: "RecipeScorer | None",
 ) -> tuple[list[Message], list[int]]:
     """Play a game again in words; return all messages, and the places of mistakes."""
     by_tool = settings.style == "tools"
@@ -395,7 +395,7 @@ def _turn(
     return [message, {"role": "tool", "name": "combine", "content": talk.combine(*picks)}]
 
 
-def recipe_scorer(folder: Path, opened: OpenedGraph) -> "RecipeScores":
+def recipe_scorer(folder: Path, opened: OpenedGraph) -> "RecipeScorer":
     """Open the scorer of recipes in a model folder.
 
     Raises:
@@ -405,21 +405,23 @@ def recipe_scorer(folder: Path, opened: OpenedGraph) -> "RecipeScores":
         ArtefactError: if the folder is missing or damaged.
     """
     from wordcraft_kg.models.model_folder import open_model
-    from wordcraft_kg.models.scorers.protocol import RecipeScores
+    from wordcraft_kg.models.scorers.cross_fitting import whole_of
+    from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
     model = open_model(folder)
+    scorer = whole_of(model.scorer)
     check_graph(str(folder), model.opened, opened)
-    if not isinstance(model.scorer, RecipeScores):
+    if not isinstance(scorer, RecipeScorer):
         raise ConfigError(f"`reasons` '{folder}': expected a model of train-recipes.")
     if model.kg == "full":
         raise LeakError(
             f"`reasons` '{folder}': this model has learned all recipes, and its reasons would name "
             "test recipes; expected a model of the train recipes (`kg` partial)."
         )
-    return model.scorer
+    return scorer
 
 
-def _reason(game: TaskGame, pair: Picks, scorer: "RecipeScores") -> str:
+def _reason(game: TaskGame, pair: Picks, scorer: "RecipeScorer") -> str:
     """Return the train recipes that make a scorer expect a pair's result; empty without any.
 
     The pair's own recipe is not among them: it would be the answer, not a reason for it.

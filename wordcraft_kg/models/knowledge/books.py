@@ -97,7 +97,7 @@ def word_features(
         return make_features(spec, labels, allow_missing=allow_missing)
     nothing = np.zeros((len(labels), 0), dtype=np.float32)
     is_known = np.ones(len(labels), dtype=bool)
-    return EntityFeatures("one-hot", nothing, is_known, (), (), is_one_hot=True)
+    return EntityFeatures("one-hot", nothing, is_known, (), is_one_hot=True)
 
 
 def words_of_books(

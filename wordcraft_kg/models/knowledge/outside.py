@@ -198,10 +198,10 @@ def _of_book(
     lists = Words.of(vectors).lists(book.recipes)
     pairs: list[Tensor] = []
     parts: list[Tensor] = []
-    # A block has the links of its entities with all entities of both books.
-    for block in torch.arange(size).split(max(1, CELLS // len(book.labels))):
-        pairs.append(link_features(lists, COMBINES_WITH, block.numpy())[:, :size])
-        parts.append(link_features(lists, COMPONENT_OF, block.numpy())[:, :size])
+    every = torch.arange(size)
+    for block in every.split(max(1, CELLS // size)):
+        pairs.append(link_features(lists, COMBINES_WITH, block.numpy(), every.numpy()))
+        parts.append(link_features(lists, COMPONENT_OF, block.numpy(), every.numpy()))
     # combinesWith is symmetric, and its features are so but for rounding.
     directed = torch.cat(pairs)
     symmetric = (directed + directed.transpose(0, 1)) / 2

@@ -433,7 +433,7 @@ def _with_tables(
     for relation, ranker in link_rankers.items():
         scores = []
         for head_ids in every.split(max(1, CELLS // size)):
-            features = link_features(lists, relation, head_ids.numpy())
+            features = link_features(lists, relation, head_ids.numpy(), every.numpy())
             from_outside = _outside(outside, relation, head_ids[:, None], every)
             scores.append(ranker(torch.cat([features, from_outside], dim=-1)))
         tables[relation] = torch.cat(scores)
@@ -602,7 +602,11 @@ def _link_examples(
         sides = (candidates, relation, queried) if heads else (queried, relation, candidates)
         links = np.stack(np.broadcast_arrays(*sides), axis=-1)
         is_known = is_in(links.reshape(-1, 3), every, size).reshape(candidates.shape)
-        features = link_features(lists, relation, query_entities, candidates, heads=heads)
+        # By result, which the links of a tail query do not share.
+        by_key = (candidates.ravel(), np.repeat(query_entities, CANDIDATES)[:, None])
+        if heads or relation == COMBINES_WITH:
+            by_key = (query_entities, candidates)
+        features = links_by_key(lists, relation, *by_key).view(*candidates.shape, -1)
         link_heads, _, link_tails = torch.from_numpy(links).unbind(-1)
         from_outside = _outside(outside, relation, link_heads, link_tails)
         features = torch.cat([features, from_outside], dim=-1)

@@ -39,7 +39,8 @@ from wordcraft_kg.graphs import (
 )
 from wordcraft_kg.graphs.train_samples import SEVERAL
 from wordcraft_kg.models.scorers.probabilities import Probabilities
-from wordcraft_kg.models.scorers.protocol import FactoredScorer, RecipeScores, TripleScorer
+from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import EntityIds, RelationIds, Scorer
 
 
@@ -184,12 +185,9 @@ class CrossFitted(Scorer):
         # methods as its own exactly if the main scorer has them.
         if isinstance(whole, FactoredScorer):
             self.factors = whole.factors
-        if isinstance(whole, RecipeScores):
+        if isinstance(whole, RecipeScorer):
             self.recipes = whole.recipes
-            self.proposes_results = whole.proposes_results
             self.score_recipes = whole.score_recipes
-            self.score_pairs = whole.score_pairs
-            self.candidate_results = whole.candidate_results
             self.supporting_recipes = whole.supporting_recipes
 
     @property
@@ -255,7 +253,7 @@ class CrossFitted(Scorer):
         if (
             probabilities is None
             or probabilities.temperature is None
-            or not isinstance(self.whole, RecipeScores)
+            or not isinstance(self.whole, RecipeScorer)
         ):
             raise ConfigError(
                 f"{self.name} cannot predict results. Use a wordcraft-kg train-recipes model with "
@@ -312,7 +310,7 @@ class CrossFitted(Scorer):
         left_out = self.left_out(fold)
         # A recipe scorer also stores its training recipes; different recipes can give equal
         # triples.
-        has_other_recipes = isinstance(left_out, RecipeScores) and not np.array_equal(
+        has_other_recipes = isinstance(left_out, RecipeScorer) and not np.array_equal(
             left_out.recipes.cpu().numpy(), recipes
         )
         if has_other_recipes or triples_hash(triples) != self.record.folds[fold].trained_on:

@@ -10,13 +10,11 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any, ClassVar
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.base.tensors import check_tensors
-from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, Ids
+from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.score_limits import has_table
 from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer
 
@@ -61,18 +59,6 @@ class TableScorer(StoredScorer):
         **settings: Any,
     ) -> "TableScorer":
         return cls(tensors["scores"], entities, graph_hash, **settings)
-
-    @classmethod
-    def of(cls, scorer: Scorer) -> "TableScorer":
-        """Tabulate all scores of another scorer, on its device and with its name."""
-        scores = torch.stack([scorer.table(relation) for relation in range(len(RELATIONS))])
-        return TableScorer(
-            scores,
-            scorer.entities,
-            scorer.graph_hash,
-            device=scorer.device,
-            name=scorer.name,
-        )
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         # One index into the flat table takes less time than three indices into three axes.
@@ -123,17 +109,6 @@ class SetTableScorer(StoredScorer):
         is_in_range = ((sets >= 0) & (sets <= size)).all() and ((results >= 0) & (results < size))
         if not len(sets) or not bool(torch.as_tensor(is_in_range).all()):
             raise ValueError("the sets are none, or hold numbers of no entity")
-
-    def score_sets(self, sets: Ids, goals: Ids) -> NDArray[np.float32]:
-        """Score sets, shape (N, 8), ids padded with -1, for goals (N,); returns shape (N,)."""
-        padded = np.sort(np.where(sets < 0, len(self.entities), sets), axis=1)
-        rows = np.column_stack([padded, goals]).tolist()
-        return np.array([self._values.get(tuple(row), 0.0) for row in rows], dtype=np.float32)
-
-    @cached_property
-    def _values(self) -> dict[tuple[int, ...], float]:
-        rows = torch.cat([self.sets, self.results[:, None]], dim=1)
-        return dict(zip(map(tuple, rows.tolist()), self.values.tolist(), strict=True))
 
     @cached_property
     def _tables(self) -> Tensor:
@@ -198,8 +173,11 @@ class ComplExScorer(StoredScorer):
         **settings: Any,
     ) -> Scorer:
         scorer = cls(tensors, entities, graph_hash, **settings)
+        if not has_table(len(entities)):
+            return scorer
         # Where it has room, a table: scores are looked up many times in a training.
-        return TableScorer.of(scorer) if has_table(len(entities)) else scorer
+        scores = torch.stack([scorer.table(relation) for relation in range(len(RELATIONS))])
+        return TableScorer(scores, entities, graph_hash, **settings)
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         # Grids of queries and candidates are one matrix product; the plain formula would build a

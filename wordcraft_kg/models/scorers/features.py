@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import chain, compress, takewhile
+from itertools import chain, compress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -32,6 +32,7 @@ from wordcraft_kg.base.settings import (
     whole,
 )
 from wordcraft_kg.base.wording import words_in
+from wordcraft_kg.runs.record import RunFiles, read_finished_run
 
 _RANDOM_DIMENSIONS = 300
 """As in the paper's released code."""
@@ -48,14 +49,12 @@ Pooling = Literal["mean", "max"]
 _POOLINGS: dict[str, Callable[..., Any]] = {"mean": np.mean, "max": np.max}
 _LISTED = 20
 """Most unknown words in an error."""
-_SPLIT = "labels are split at blanks, _, -, :, / and capitals"
 ENCODED = "vectors.npy"
 """Vectors of a sentence encoder, from ``encode`` or built in; ``vectors.labels.txt`` has labels."""
 ENCODE = "wordcraft-kg encode GRAPH --encoder sentence-transformers/all-MiniLM-L6-v2"
 BUILT_IN = Path(__file__).parent / "minilm" / ENCODED
 _HEADER = re.compile(rb"(\d{1,12})\s+([1-9]\d{0,5})")
 """Optional first line of a text file: numbers of vectors and of dimensions, both bounded."""
-_MAX_FLOAT = float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,6 @@ class EntityFeatures:
         source: where the vectors come from, in words for reports.
         vectors: shape (E, D), float32, read-only; zeros for unknown entities.
         known: shape (E,), bool: True if the label, or a word in the label, has a vector.
-        words: distinct lower-case words in all labels, sorted; empty for sources that ignore words.
         missing_words: words without a vector, sorted, except in labels that have a vector as a
             whole.
         is_one_hot: row i is the i-th unit vector, so models may look rows up instead of
@@ -76,7 +74,6 @@ class EntityFeatures:
     source: str
     vectors: NDArray[np.float32]
     known: NDArray[np.bool_]
-    words: tuple[str, ...]
     missing_words: tuple[str, ...]
     is_one_hot: bool = False
 
@@ -123,10 +120,10 @@ def make_features(
     - ``shuffled:<any spec>``: rows in random order: distinct vectors that do not fit the labels'
       meanings;
     - a text file, optionally gzipped, with lines ``word v1 ... vD`` (GloVe) and an optional header
-      ``count D`` (word2vec; a first line with two whole numbers always counts as header); words may
-      contain spaces;
+      ``count D`` (word2vec; a first line with two whole numbers always counts as header); words
+      after the first one may contain spaces;
     - an ``.npy`` file, float array, shape (N, D), with N labels, a label per line, in ``<same
-      stem>.labels.txt`` or ``<same stem>.txt``;
+      stem>.labels.txt``;
     - a folder from ``wordcraft-kg encode``, with a vector for each label of its graph.
 
     Names take precedence over files; write ``./glove`` for the file. In a file, the whole label is
@@ -134,9 +131,8 @@ def make_features(
     separate words (``oak_log`` is the label ``oak log``); otherwise the words are pooled, each
     found like a label. A word that is not found, such as ``iron-plate``, is pooled from its own
     words, see :func:`~wordcraft_kg.base.wording.words_in`. If a word has several vectors, the
-    first is used. In a text file, a whole number right before the vector belongs to the word
-    (``route 66``). A sentence encoder's vectors are for whole labels only. Only the vectors of
-    looked-up words stay in memory.
+    first is used. A sentence encoder's vectors are for whole labels only. Only the vectors of
+    looked-up words stay in memory, and only they are checked.
 
     Args:
         spec: the features, as above.
@@ -147,8 +143,8 @@ def make_features(
 
     Raises:
         ConfigError: for an argument out of range, a ``spec`` that is neither a name nor a file, a
-            damaged file (the error names the line), one-hot vectors above 256 MiB, or too few
-            entities with a vector.
+            damaged file (the error names the line or row), one-hot vectors above 256 MiB, or too
+            few entities with a vector.
         ArtefactError: for a folder that is damaged, or was not written by ``encode``.
 
     Source: Jiang et al. 2020; ``random``, ``shuffled`` and the maximum follow the paper's released
@@ -182,7 +178,12 @@ def make_features(
         features = _from_file(Path(spec), labels, pooling)
     elif parsed.is_path and os.path.isdir(spec):
         folder = Path(spec)
-        _check_folder(folder)
+        files = RunFiles(
+            folder, read_finished_run(folder, "a file or folder with vectors", ENCODED)
+        )
+        # Each file is read for its check by SHA-256.
+        for name in files.run.outputs:
+            files.bytes(name)
         features = _from_file(folder / ENCODED, labels, None, folder.resolve().name)
     else:
         names = (*VECTORS, *(SHUFFLED + name for name in VECTORS))
@@ -226,8 +227,8 @@ def glove_features(labels: Sequence[str], pooling: Pooling = "mean") -> EntityFe
     is_known = rows >= 0
     # Mapped into memory, so only the pages with wanted rows are read.
     matrix = np.load(_glove_folder() / "glove_6B_50d_emb.npy", mmap_mode="r")
-    vectors = _WordVectors(tuple(compress(words, is_known)), matrix[rows[is_known]])
-    return _pooled_features("GloVe 6B", labels, vectors, pooling)
+    known_words = list(compress(words, is_known))
+    return _pooled_features("GloVe 6B", labels, known_words, matrix[rows[is_known]], pooling)
 
 
 def _one_hot(size: int) -> EntityFeatures:
@@ -239,9 +240,7 @@ def _one_hot(size: int) -> EntityFeatures:
             f"{_RANDOM_DIMENSIONS} dimensions."
         )
     is_known = np.ones(size, dtype=bool)
-    return EntityFeatures(
-        "one-hot", np.eye(size, dtype=np.float32), is_known, (), (), is_one_hot=True
-    )
+    return EntityFeatures("one-hot", np.eye(size, dtype=np.float32), is_known, (), is_one_hot=True)
 
 
 def _random(size: int, seed: int) -> EntityFeatures:
@@ -251,7 +250,7 @@ def _random(size: int, seed: int) -> EntityFeatures:
     noise = rng.laplace(0, scale, (size, _RANDOM_DIMENSIONS))
     source = f"random (Laplace), {_RANDOM_DIMENSIONS}-d, seed {seed}"
     is_known = np.ones(size, dtype=bool)
-    return EntityFeatures(source, noise.astype(np.float32), is_known, (), ())
+    return EntityFeatures(source, noise.astype(np.float32), is_known, ())
 
 
 def _shuffled(features: EntityFeatures, seed: int) -> EntityFeatures:
@@ -280,38 +279,25 @@ def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> No
     num_further = len(features.missing_words) - _LISTED
     if num_further > 0:
         words += f" and {num_further:,} more"
-    split = f" ({_SPLIT})"
     if spec == "minilm" or os.path.isdir(spec):
-        split = ""  # vectors of whole labels
         whose = "the built-in books' labels" if spec == "minilm" else "another book"
         remedy = (
             f"These are vectors of {whose}; encode this graph and any books in `with`: `{ENCODE}`, "
             "or use glove."
         )
-    elif missing < size:
-        remedy = (
-            f"At most {_MAX_MISSING_SHARE:.0%} may be missing: use vectors with these words, "
-            "`features` one-hot, which needs no words, or `allow_missing` for zeros."
-        )
     else:
         remedy = (
-            "Use vectors for the labels' language, or `features` one-hot, which needs no words."
+            f"Labels are split at blanks, _, -, :, / and capitals; at most {_MAX_MISSING_SHARE:.0%}"
+            " may be missing. Use vectors for the labels' language with these words, `features` "
+            "one-hot, which needs no words, or `allow_missing` for zeros if some have a vector."
         )
     raise ConfigError(
         f"`features` '{spec}': {missing:,} of {size:,} entities have no vector. "
-        f"Unknown words: {words}{split}. {remedy}"
+        f"Unknown words: {words}. {remedy}"
     )
 
 
 # --- from words to labels -------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class _WordVectors:
-    """Wanted words that a source has, N of them, and their vectors, shape (N, D), float32."""
-
-    words: tuple[str, ...]
-    vectors: NDArray[np.float32]
 
 
 def _candidates(label: str) -> Iterator[str]:
@@ -332,11 +318,20 @@ def _spellings(text: str) -> tuple[str, ...]:
 def _pooled_features(
     source: str,
     labels: Sequence[str],
-    by_word: _WordVectors,
+    words: Sequence[str],
+    word_vectors: NDArray[np.float32],
     pooling: Pooling | None,
 ) -> EntityFeatures:
-    """Give each label its own vector, or else the pooled vectors of its words (if pooled)."""
-    rows = {word: row for row, word in enumerate(by_word.words)}
+    """Give each label its own vector, or else the pooled vectors of its words.
+
+    Args:
+        source: where the vectors come from.
+        labels: labels of the E entities.
+        words: wanted words that the source has, N of them.
+        word_vectors: their vectors, shape (N, D).
+        pooling: None for vectors of whole labels.
+    """
+    rows = {word: row for row, word in enumerate(words)}
 
     def look_up(text: str) -> list[int]:
         """Return the row of the text's first known spelling, or nothing."""
@@ -347,28 +342,25 @@ def _pooled_features(
         whole_words = [[word] if look_up(word) else words_in(word) for word in label.split()]
         return list(chain.from_iterable(whole_words))
 
-    dimensions = by_word.vectors.shape[1]
+    dimensions = word_vectors.shape[1]
     vectors = np.zeros((len(labels), dimensions), dtype=np.float32)
     is_known = np.zeros(len(labels), dtype=bool)
-    words: set[str] = set()
     missing: set[str] = set()
     for i, label in enumerate(labels):
-        parts = words_of(label)
-        words.update(part.lower() for part in parts)
         vector_rows = look_up(label)
         if not vector_rows:
-            for part in parts if pooling else [label]:
+            for part in words_of(label) if pooling else [label]:
                 row_of_part = look_up(part)
                 vector_rows += row_of_part
                 if not row_of_part:
                     missing.add(part.lower())
         if vector_rows:
-            vectors[i] = _POOLINGS[pooling or "mean"](by_word.vectors[vector_rows], axis=0)
+            vectors[i] = _POOLINGS[pooling or "mean"](word_vectors[vector_rows], axis=0)
             is_known[i] = True
     source = f"{source}, {dimensions}-d"
     if pooling:
         source += f", {pooling} of words"
-    return EntityFeatures(source, vectors, is_known, tuple(sorted(words)), tuple(sorted(missing)))
+    return EntityFeatures(source, vectors, is_known, tuple(sorted(missing)))
 
 
 # --- built in -------------------------------------------------------------------------------------
@@ -401,15 +393,6 @@ def _glove_rows(words: tuple[str, ...]) -> NDArray[np.int64]:
 # --- from a file ----------------------------------------------------------------------------------
 
 
-def _check_folder(folder: Path) -> None:
-    """Check all files of a folder from ``encode`` by SHA-256."""
-    from wordcraft_kg.runs.record import RunFiles, read_finished_run
-
-    files = RunFiles(folder, read_finished_run(folder, "a file or folder with vectors", ENCODED))
-    for name in files.run.outputs:
-        files.bytes(name)
-
-
 def _from_file(
     path: Path,
     labels: Sequence[str],
@@ -421,95 +404,87 @@ def _from_file(
     for label in labels:
         for text in _candidates(label):
             spellings.update(_spellings(text))
-    reader = _read_array if path.suffix.lower() == ".npy" else _parse
+    reader = _read_array if path.suffix.lower() == ".npy" else _read_text
     try:
-        vectors = reader(path, spellings)
+        words, origins, values = reader(path, spellings)
     except OSError as error:
         raise ConfigError(
             f"{path} cannot be read: {error}. Download the file again, or use another file."
         ) from error
-    return _pooled_features(source or path.name, labels, vectors, pooling)
+    with np.errstate(over="ignore"):
+        vectors = values.astype(np.float32)
+    is_finite = np.isfinite(vectors).all(axis=1)
+    if not is_finite.all():
+        first = int(np.argmin(is_finite))
+        raise ConfigError(
+            f"{path}, {origins[first]}: the vector for '{words[first]}' has a value that is NaN, "
+            "infinite or beyond float32; expected finite numbers. Correct the value, or remove "
+            "the word."
+        )
+    return _pooled_features(source or path.name, labels, words, vectors, pooling)
 
 
-def _parse(path: Path, vocabulary: Set[str]) -> _WordVectors:
+_WordRows = tuple[list[str], list[str], NDArray[np.floating]]
+"""Wanted words that a file has, N of them; where they are in the file; and vectors, (N, D)."""
+
+
+def _read_text(path: Path, vocabulary: Set[str]) -> _WordRows:
     """Read the vectors of wanted words line by line; of other lines only the length is checked."""
-    rows: dict[str, tuple[int, list[float]]] = {}
-    spelt = {word.encode() for word in vocabulary}
-    announced = None
-    count = dimensions = 0
-    for number, line in filter(lambda row: row[1], _lines(path)):
+    wanted = {word.encode(): word for word in vocabulary}
+    rows: dict[str, tuple[str, list[float]]] = {}
+    dimensions = 0
+    for number, raw_line in read_lines(path, ConfigError):
+        line = raw_line.strip()
+        if not line:
+            continue
         if not dimensions:
             header = _HEADER.fullmatch(line)
+            dimensions = int(header[2]) if header else len(line.split()) - 1
             if header:
-                announced, dimensions = map(int, header.groups())
                 continue
-            # As many numbers as the first line ends with; its word may contain blanks.
-            columns = line.split()[1:]
-            dimensions = len(list(takewhile(_is_number, reversed(columns))))
-            if not dimensions:
-                raise ConfigError(
-                    f"{path}, line {number}: no numbers at the end; expected a word and a vector."
-                )
-        count += 1
         # Most lines contain unwanted words, and counting spaces takes a fifth of the time that
         # splitting takes.
-        text = line.partition(b" ")[0]
-        if text.isascii() and text not in spelt and line.count(b" ") == dimensions:
+        if line.partition(b" ")[0] not in wanted and line.count(b" ") == dimensions > 0:
             continue
-        word, values = _divided(line, dimensions, path, number)
+        # The word may contain blanks, but not that of the first line.
+        text, *values = line.rsplit(None, dimensions)
+        if not values or len(values) < dimensions:
+            raise ConfigError(
+                f"{path}, line {number}: {len(values)} numbers after the word, expected "
+                f"{dimensions or 'a vector'} as at the file's start. Correct the line, download "
+                "the file again, or save binary vectors as text or .npy."
+            )
+        word = wanted.get(text)
         # As documented, the first of several vectors counts.
-        if word in vocabulary and word not in rows:
-            wrong = next((value for value in values if not _is_number(value)), None)
-            if wrong is not None:
-                raise ConfigError(
-                    f"{path}, line {number}: '{wrong.decode(errors='replace')}' in the vector for "
-                    f"'{word}' is not a number. Correct the line, or download the file again."
-                )
-            rows[word] = number, [float(value) for value in values]
+        if word is None or word in rows:
+            continue
+        try:
+            rows[word] = f"line {number}", [float(value) for value in values]
+        except ValueError as error:
+            raise ConfigError(
+                f"{path}, line {number}: the vector for '{word}' has a value that is not a number "
+                f"({error}). Correct the line, or download the file again."
+            ) from None
     if not dimensions:
         raise ConfigError(f"{path} is empty; expected a word and a vector per line.")
-    if announced not in (None, count):
-        raise ConfigError(
-            f"{path}: the first line announces {announced:,} vectors, but {count:,} follow. "
-            "Download the file again, or correct this line."
-        )
-    words = sorted(rows)
-    lines = [f"line {rows[word][0]}" for word in words]
+    origins = [origin for origin, _ in rows.values()]
     # The shape is needed if no word was found: an empty array has one dimension.
-    table = [rows[word][1] for word in words]
-    vectors = np.array(table).reshape(-1, dimensions)
-    return _checked(path, lines, words, vectors)
+    table = np.array([values for _, values in rows.values()]).reshape(-1, dimensions)
+    return list(rows), origins, table
 
 
-def _divided(line: bytes, dimensions: int, path: Path, number: int) -> tuple[str, list[bytes]]:
-    """Divide a line into its word, which may contain blanks, and ``dimensions`` numbers."""
-    text, *values = line.rsplit(None, dimensions)
-    _, *words_before = text.split() or [b""]
-    # A number before the vector is one too many, but a whole number belongs to the word: route 66.
-    last = words_before[-1] if words_before else b""
-    has_another = _is_number(last) and not last.isdigit()
-    if len(values) < dimensions or has_another:
-        # Binary vectors look like lines with a wrong length; the error about UTF-8 is clearer.
-        _decoded(line, path, number)
-        raise ConfigError(
-            f"{path}, line {number}: {len(line.split()) - 1} columns after the word, expected "
-            f"{dimensions} as at the file's start. Correct the line, or download the file again."
-        )
-    return _decoded(text, path, number), values
-
-
-def _read_array(path: Path, vocabulary: Set[str]) -> _WordVectors:
+def _read_array(path: Path, vocabulary: Set[str]) -> _WordRows:
     """Read the rows of an array whose labels, in a file beside it, are wanted words."""
-    label_files = [path.with_suffix(ending) for ending in (".labels.txt", ".txt")]
-    labels = next((file for file in label_files if file.is_file()), None)
-    if labels is None:
-        raise ConfigError(
-            f"{path} has no labels: expected a label per line in {label_files[0]} or "
-            f"{label_files[1]}."
-        )
+    labels = path.with_suffix(".labels.txt")
+    if not labels.is_file():
+        raise ConfigError(f"{path} has no labels: expected a label per line in {labels}.")
     try:
+        with labels.open(encoding="utf-8-sig") as file:
+            words = [line.strip() for line in file]
         # Unlike numpy.load, this never unpickles: a pickle from elsewhere can run any code.
         matrix = np.lib.format.open_memmap(path, mode="r")
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{labels} is not UTF-8 ({error.reason}); convert the file.") from None
     except ValueError as error:
         raise ConfigError(
             f"{path} is truncated, or not a numeric array written by numpy.save: {error}. Save "
@@ -520,59 +495,14 @@ def _read_array(path: Path, vocabulary: Set[str]) -> _WordVectors:
             f"{path} contains {matrix.dtype}, shape {matrix.shape}; expected floats, shape (N, "
             "D), a row per label. Save such an array."
         )
+    if len(words) != len(matrix):
+        raise ConfigError(
+            f"{path} has {len(matrix):,} rows but {labels} has {len(words):,} labels; expected a "
+            "label per row. Save both files again."
+        )
     rows: dict[str, int] = {}
-    count = 0
-    for count, line in _lines(labels):
-        word = _decoded(line, labels, count)
+    for row, word in enumerate(words):
         if word in vocabulary:
-            rows.setdefault(word, count - 1)
-    if count != len(matrix):
-        raise ConfigError(
-            f"{path} has {len(matrix):,} rows but {labels} has {count:,} labels; expected a label "
-            "per row. Save both files again."
-        )
-    values = np.asarray(matrix[list(rows.values())], dtype=np.float64)
+            rows.setdefault(word, row)
     origins = [f"row {row} (the first is 0)" for row in rows.values()]
-    return _checked(path, origins, list(rows), values)
-
-
-def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield stripped lines of a file, gzipped or not, numbered from 1."""
-    return ((number, line.strip()) for number, line in read_lines(path, ConfigError))
-
-
-def _decoded(text: bytes, path: Path, number: int) -> str:
-    try:
-        return text.decode()
-    except UnicodeDecodeError as error:
-        raise ConfigError(
-            f"{path}, line {number}: not UTF-8 ({error.reason}); expected text. Convert the file; "
-            "binary vectors can be saved as text or .npy."
-        ) from None
-
-
-def _is_number(text: bytes) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _checked(
-    path: Path,
-    origins: Sequence[str],
-    words: Sequence[str],
-    values: NDArray[np.float64],
-) -> _WordVectors:
-    """Return vectors as float32, or raise ConfigError for a value that float32 cannot hold."""
-    # A comparison with NaN is False, so this refuses NaN as well.
-    is_finite = (np.abs(values) <= _MAX_FLOAT).all(axis=1)
-    if not is_finite.all():
-        first = int(np.argmin(is_finite))
-        raise ConfigError(
-            f"{path}, {origins[first]}: the vector for '{words[first]}' has a value that is NaN, "
-            "infinite or beyond float32; expected finite numbers. Correct the value, or remove "
-            "the word."
-        )
-    return _WordVectors(tuple(words), values.astype(np.float32))
+    return list(rows), origins, matrix[list(rows.values())]

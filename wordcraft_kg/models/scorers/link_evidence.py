@@ -16,7 +16,6 @@ that share the head or the tail.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -82,11 +81,6 @@ class LinkReason(Record):
     evidence: float
     witnesses: tuple[LinkWitness, ...]
 
-    @property
-    def is_in_sample(self) -> bool:
-        """Whether the scorer was trained on the link."""
-        return bool(self.learned_from)
-
 
 class LinkEvidence:
     """Finds the training links, with their training recipes, that support a scored link.
@@ -101,8 +95,8 @@ class LinkEvidence:
         >>> model = open_model("models/kitchen")
         >>> evidence = LinkEvidence(model.scorer, model.train_sample.sets)
         >>> flour, water = model.scorer.entity_ids(["flour", "water"]).tolist()
-        >>> evidence.reason(flour, COMBINES_WITH, water).is_in_sample
-        True
+        >>> len(evidence.reason(flour, COMBINES_WITH, water).learned_from)
+        1
     """
 
     def __init__(self, scorer: TripleScorer, recipes: Ids):
@@ -241,7 +235,7 @@ class EntityRoles:
     coordinates for the same vectors.
 
     Attributes:
-        units: unit vectors by relation and side (head, tail), shape (E, m); 0 for entities without
+        units: unit vectors for each of :data:`ROLES`, shape (E, m) each; 0 for entities without
             scores.
         lengths: shape (E, 4), float32: vector lengths by entity and role, relative to the role's
             root mean square.
@@ -253,7 +247,7 @@ class EntityRoles:
         ['pear', 'lemon']
     """
 
-    units: tuple[tuple[_Rows, _Rows], ...]
+    units: tuple[_Rows, ...]
     lengths: _Rows
 
     @classmethod
@@ -275,14 +269,12 @@ class EntityRoles:
                 check_table("comparing entities by scores", size)
                 table = centred(scorer.table(relation).cpu().numpy())
                 roles = table, np.ascontiguousarray(table.T)
-            side_units = []
             for rows in roles:
                 norms = np.linalg.norm(rows, axis=1)
-                side_units.append(_unit(rows, norms))
+                units.append(_unit(rows, norms))
                 # Relative lengths: each role counts alike, whatever the scale of its scores.
                 root_mean_square = np.sqrt(np.mean(norms**2))
                 lengths.append(norms / (root_mean_square or 1.0))
-            units.append((side_units[0], side_units[1]))
         return cls(tuple(units), np.stack(lengths, axis=1).astype(np.float32))
 
     def alike(self, entity: int, relation: int, side: Side) -> _Rows:
@@ -296,8 +288,7 @@ class EntityRoles:
         Returns:
             shape (E,), float32.
         """
-        as_head, as_tail = self.units[relation]
-        rows = as_head if side == "head" else as_tail
+        rows = self.units[ROLES.index((relation, side))]
         return np.asarray(rows @ rows[entity])
 
     def nearest(self, entity: int, limit: int = 5) -> list[tuple[int, float]]:
@@ -311,8 +302,9 @@ class EntityRoles:
             ids and cosines, nearest first, without the entity itself; ties are in id order.
         """
         # The cosine of joined vectors is the mean of the roles' cosines, weighted by lengths.
+        total = np.linalg.norm(self.lengths, axis=1)
         # Without scores, weights are 0, not NaN.
-        products = np.maximum(self._total * self._total[entity], 1e-12)
+        products = np.maximum(total * total[entity], 1e-12)
         role_products = self.lengths * self.lengths[entity]
         weights = role_products / products[:, None]
         role_cosines = [self.alike(entity, relation, side) for relation, side in ROLES]
@@ -327,11 +319,6 @@ class EntityRoles:
         ]
         return neighbours[:limit]
 
-    @cached_property
-    def _total(self) -> _Rows:
-        """Lengths of the joined vectors, shape (E,)."""
-        return np.asarray(np.linalg.norm(self.lengths, axis=1))
-
 
 ROLES: tuple[tuple[int, Side], ...] = (
     (COMBINES_WITH, "head"),
@@ -339,7 +326,7 @@ ROLES: tuple[tuple[int, Side], ...] = (
     (COMPONENT_OF, "head"),
     (COMPONENT_OF, "tail"),
 )
-"""Relations and sides, in the order of :attr:`EntityRoles.lengths`."""
+"""Relations and sides, in the order of :attr:`EntityRoles.units`."""
 
 
 def centred(scores: NDArray[Any]) -> NDArray[Any]:

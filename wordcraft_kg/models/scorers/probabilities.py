@@ -34,8 +34,8 @@ negatives).
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -48,12 +48,11 @@ from torch import Tensor, nn
 
 from wordcraft_kg.base.records import Coefficient, Count, Record, Share, Slope
 from wordcraft_kg.graphs import RELATIONS, Folds, Ids, distinct, is_in, recipe_keys
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.pair_features import only_pair, pairs_of
-from wordcraft_kg.models.scorers.protocol import RecipeScores, TripleScorer
+from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.ranking import sampled
-
-if TYPE_CHECKING:
-    from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 SEGMENTS = (3.0, 6.0)
 """Log-odds at which the slope may change: the best 5 % and the best .25 % of all pairs.
@@ -204,7 +203,7 @@ class RecipeCurve(Record, frozen=True, kw_only=True):
 
     def log_probabilities(
         self,
-        knowledge: "RecipeKnowledge",
+        knowledge: RecipeKnowledge,
         goal: Tensor,
         table: Tensor,
         model: Tensor,
@@ -228,19 +227,14 @@ class RecipeCurve(Record, frozen=True, kw_only=True):
             shape (B, P), in nats: 0 for known recipes. Pairs with an empty slot have no meaning.
         """
         features = knowledge.features(goal, table, model, pairs)
-        scores = knowledge.scores(features, model)
+        scores = knowledge.ranker().of_models(features, model)
         intercepts = torch.tensor(self.intercepts, device=scores.device)
-        kinds = kinds_of(knowledge, features)
+        kinds = knowledge.kinds(features)
         shift = torch.where(model == 0, self.shift, 0.0)[:, None] + prior
         log_odds = intercepts[kinds] + shift + self.slope * scores
         is_trained_on = knowledge.feature(features, "makes") > 0
         # A known recipe is certain: log 1 = 0.
         return nn.functional.logsigmoid(log_odds).masked_fill(is_trained_on, 0)
-
-
-def kinds_of(knowledge: "RecipeKnowledge", features: Tensor) -> Tensor:
-    """Return each recipe's kind, see :data:`KINDS`, from its features, shape (..., F)."""
-    return (knowledge.feature(features, "goal_made") > 0).long()
 
 
 @dataclass(frozen=True)
@@ -252,17 +246,17 @@ class HeldOut:
             bin of :data:`LOG_ODDS`.
         unlabelled: as ``positives``, for triples outside the train triples; weighted if sampled.
         results: shape (N, C): scores of C candidates for N pairs sampled from the fold, with -inf
-            where there are fewer; None without recipe scores.
-        is_right: shape (N, C), bool: whether the pair makes the candidate; None likewise.
-        recipes: see :func:`recipe_histogram`; None likewise.
+            where there are fewer; empty without recipe scores.
+        is_right: shape (N, C), bool: whether the pair makes the candidate; empty likewise.
+        recipes: see :func:`recipe_histogram`; empty likewise.
         proposes: whether the candidates are proposed results, not all entities.
     """
 
     positives: _Floats
     unlabelled: _Floats
-    results: _Floats | None = None
-    is_right: NDArray[np.bool_] | None = None
-    recipes: _Floats | None = None
+    results: _Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    is_right: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
+    recipes: _Floats = field(default_factory=lambda: np.zeros(0))
     proposes: bool = False
 
 
@@ -331,12 +325,15 @@ class Probabilities(Record, frozen=True, kw_only=True):
                     ),
                 )
             )
-        histograms = [part.recipes for part in held_out if part.recipes is not None]
+        relations = (curves[0], curves[1])
+        if not len(held_out[0].recipes):
+            return cls(relations=relations)
+        temperature, covered = _fit_results(held_out)
         return cls(
-            relations=(curves[0], curves[1]),
-            temperature=_temperature(held_out),
-            recipes=fit_recipe_curve(histograms, folds) if histograms else None,
-            covered=_covered(held_out),
+            relations=relations,
+            temperature=temperature,
+            recipes=fit_recipe_curve([part.recipes for part in held_out], folds),
+            covered=covered if held_out[0].proposes else msgspec.UNSET,
         )
 
     def predict(self, scores: Tensor, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
@@ -410,7 +407,7 @@ def score_fold(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0) 
             # Pairs of different entities have number 0, self pairs 1.
             kinds = (rows[:, 0] == rows[:, 2]).astype(np.int64)
             np.add.at(counts[relation], (kinds, bins), weight_of_row)
-    if not isinstance(scorer, RecipeScores):
+    if not isinstance(scorer, RecipeScorer):
         return HeldOut(positives, unlabelled)
     results, is_right = _candidates(scorer, folds, fold, seed)
     recipes = recipe_histogram(scorer, folds, fold, seed=seed)
@@ -454,7 +451,7 @@ def known_share(folds: Folds, relation: int) -> float:
     return 1 / (1 + outside / fold_size * falling)
 
 
-def recipe_histogram(scorer: RecipeScores, folds: Folds, fold: int, *, seed: int = 0) -> _Floats:
+def recipe_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int = 0) -> _Floats:
     """Count scores of recipes that the scorer has not seen, by kind.
 
     Args:
@@ -531,7 +528,7 @@ def _pair_weights(num_slots: int, size: int, tables: float) -> _Floats:
 
 
 def _candidates(
-    scorer: RecipeScores, folds: Folds, fold: int, seed: int
+    scorer: RecipeScorer, folds: Folds, fold: int, seed: int
 ) -> tuple[_Floats, NDArray[np.bool_]]:
     """Return scores of candidates for sampled pairs of a fold, (N, C), and which are right."""
     size = len(scorer.entities)
@@ -676,30 +673,22 @@ def fit_recipe_curve(histograms: Sequence[_Floats], folds: Folds) -> RecipeCurve
     return RecipeCurve(intercepts=(new_goal, known_goal), slope=slope, shift=shift)
 
 
-def _covered(held_out: Sequence[HeldOut]) -> float | msgspec.UnsetType:
-    """Return the share of pairs with a right result among the proposed ones."""
-    proposed = [part.is_right for part in held_out if part.proposes and part.is_right is not None]
-    if not proposed:
-        return msgspec.UNSET
-    return float(np.mean(np.concatenate(proposed).any(axis=1)))
+def _fit_results(held_out: Sequence[HeldOut]) -> tuple[float, float]:
+    """Return how results of pairs become probabilities.
 
-
-def _temperature(held_out: Sequence[HeldOut]) -> float | None:
-    """Return the temperature whose softmax gives a right result the highest likelihood."""
-    scored = [
-        (part.results, part.is_right)
-        for part in held_out
-        if part.results is not None and part.is_right is not None
-    ]
-    if not scored:
-        return None
-    scores, is_right = (np.concatenate(parts) for parts in zip(*scored, strict=True))
+    Returns:
+        the temperature whose softmax gives a right result the highest likelihood; and the share of
+        pairs with a right result among the candidates.
+    """
+    scores = np.concatenate([part.results for part in held_out])
+    is_right = np.concatenate([part.is_right for part in held_out])
     # A pair whose result nobody proposes says nothing about the proposed ones.
     has_right = is_right.any(axis=1)
+    covered = float(np.mean(has_right))
     if not has_right.any():
         # In a book whose results nothing foretells, the share of covered pairs is 0, and so is
         # each probability, at any temperature.
-        return 1.0
+        return 1.0, covered
     scores = scores[has_right]
     is_right = is_right[has_right]
 
@@ -710,7 +699,7 @@ def _temperature(held_out: Sequence[HeldOut]) -> float | None:
         return float(np.mean(logsumexp(scaled, axis=1) - right_mass))
 
     best = minimize_scalar(loss, bounds=(-4.0, 4.0), method="bounded")
-    return float(math.exp(best.x))
+    return math.exp(best.x), covered
 
 
 # --- ranks and samples ----------------------------------------------------------------------------
@@ -753,12 +742,11 @@ def _score_map(scores: _Floats) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 def _segments(log_odds: _Floats, number: int) -> _Floats:
     """Return the part of log-odds within each segment, shape (..., number)."""
-    if number == 1:
-        return log_odds[..., None]
+    ends = SEGMENTS[: number - 1]
     # The first segment holds the negative log-odds; the parts sum to the log-odds.
-    lows = (-math.inf, *SEGMENTS)
-    highs = (*SEGMENTS, math.inf)
-    starts = (0.0, *SEGMENTS)
+    lows = (-math.inf, *ends)
+    highs = (*ends, math.inf)
+    starts = (0.0, *ends)
     parts = [
         np.clip(log_odds, low, high) - start
         for low, high, start in zip(lows, highs, starts, strict=True)

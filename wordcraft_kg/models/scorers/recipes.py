@@ -6,14 +6,14 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
+from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.triples import COMBINES_WITH
 from wordcraft_kg.models.scorers.factors import grids
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.pair_features import only_pair
 from wordcraft_kg.models.scorers.neighbours.results import CANDIDATES, results_of
 from wordcraft_kg.models.scorers.neighbours.storage import check_stored
-from wordcraft_kg.models.scorers.probabilities import kinds_of
-from wordcraft_kg.models.scorers.protocol import RecipeScores as RecipeScores, Witness as Witness
+from wordcraft_kg.models.scorers.protocol import Witness as Witness
 from wordcraft_kg.models.scorers.score_limits import has_table
 from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer
 
@@ -28,7 +28,7 @@ _MANY = 8
 """With more links than a share of 1 / 8, all links are scored, which is faster, and kept."""
 
 
-class RecipeScorer(StoredScorer, RecipeScores):
+class RecipeScorer(StoredScorer):
     """A learned scorer for recipes and links: small networks (rankers) on recipe features.
 
     The networks learn from out-of-sample features. Recipe scores are in nats: the log-odds, up to a
@@ -101,37 +101,29 @@ class RecipeScorer(StoredScorer, RecipeScores):
         return left_factors.to(self.device), right.to(self.device)
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
-        is_grid, has_heads = grids(heads, relations, tails)
+        is_grid, is_turned = grids(heads, relations, tails)
         heads, relations, tails = torch.broadcast_tensors(heads, relations, tails)
         shape = heads.shape
-        size = len(self.entities)
-        width = size
-        if not (is_grid or has_heads):
-            # Single links, by result, whose links share work.
+        if not (is_grid or is_turned):
             heads, relations, tails = (ids.reshape(-1, 1) for ids in (heads, relations, tails))
-            has_heads = True
-            width = 1
-        # Each key, an entity on one side of links, has candidates on the other side.
-        keys, candidates = (tails[:, 0], heads) if has_heads else (heads[:, 0], tails)
-        scores = torch.zeros(candidates.shape, device=self.device)
+        scores = torch.zeros(heads.shape, device=self.device)
         # A row has one relation, and a ranking has millions of columns in all.
         row_relations = relations[:, 0]
         for relation in row_relations.unique().tolist():
             is_own = row_relations == relation
-            own_keys = keys[is_own]
-            own_candidates = candidates[is_own]
-            if self._has_table(relation, width * len(own_keys)):
-                table = self.table(relation)
-                by_key = table.T if has_heads else table
-                scores[is_own] = by_key[own_keys[:, None], own_candidates]
-            elif candidates.shape[1] < size:
-                scores[is_own] = self.knowledge.link_scores(
-                    relation, own_keys, own_candidates, heads=has_heads
-                )
-            else:
+            own_heads = heads[is_own]
+            own_tails = tails[is_own]
+            if self._has_table(relation, own_heads.numel()):
+                scores[is_own] = self.table(relation)[own_heads, own_tails]
+            elif is_grid and not is_turned:
                 # Rankings ask for all entities, whose links share work.
-                rows = self.knowledge.link_scores(relation, own_keys, heads=has_heads)
-                scores[is_own] = rows.gather(1, own_candidates)
+                scores[is_own] = self.knowledge.link_scores(relation, own_heads[:, 0], own_tails[0])
+            else:
+                # A row has one tail. Few and small products: further threads would mostly wait.
+                key = own_tails[:, 0]
+                model = torch.zeros_like(key)
+                with torch_threads(1):
+                    scores[is_own] = self.knowledge.slot_scores(relation, key, own_heads, model)
         return scores.view(shape)
 
     def _has_table(self, relation: int, num_scores: int) -> bool:
@@ -144,7 +136,8 @@ class RecipeScorer(StoredScorer, RecipeScores):
         if number in self._tables:
             return self._tables[number]
         every = torch.arange(len(self.entities), device=self.device)
-        scores = self.knowledge.link_scores(number, every)
+        # By rows in memory: sums over a table depend on its order.
+        scores = self.knowledge.link_scores(number, every, every).contiguous()
         # Computed once: ranking and calibration ask for many parts of it.
         if has_table(len(self.entities)):
             self._tables[number] = scores
@@ -217,20 +210,44 @@ class RecipeScorer(StoredScorer, RecipeScores):
         every = torch.arange(size, device=self.device).expand(len(ingredients), size)
         return every, self.score_recipes(ingredients[:, None], others[:, None], every)
 
-    def score_pairs(  # noqa: D102 - inherited
+    def score_pairs(
         self, goal: Tensor, table: Tensor, pairs: tuple[Tensor, Tensor] | None = None
     ) -> tuple[Tensor, Tensor]:
+        """Score pairs of slots for goals.
+
+        Args:
+            goal: ids, shape (B,).
+            table: ids in the slots, shape (B, A).
+            pairs: first and second slot of P pairs, shape (P,) each; None for all pairs.
+
+        Returns:
+            scores in nats, and whether a train recipe makes the goal (0 or 1), shape (B, P) each.
+        """
         model = torch.zeros_like(goal)
         features = self.knowledge.features(goal, table, model, pairs)
-        return self.knowledge.scores(features, model), kinds_of(self.knowledge, features)
+        scores = self.knowledge.ranker().of_models(features, model)
+        return scores, self.knowledge.kinds(features)
 
-    def supporting_recipes(  # noqa: D102 - inherited
+    def supporting_recipes(
         self,
         ingredient: str,
         other: str,
         result: str,
         limit: int = 5,
     ) -> list[Witness]:
+        """Return training recipes that support a recipe: those for ``result`` first.
+
+        The recipe itself is among them if the model was trained on it.
+
+        Args:
+            ingredient: label of an ingredient.
+            other: label of the other ingredient.
+            result: label of the result.
+            limit: maximum number of recipes.
+
+        Raises:
+            UnknownEntityError: for a label that the scorer does not know.
+        """
         a, b, goal = self.entity_ids([ingredient, other, result]).tolist()
         supports = self.knowledge.supporting_recipes(a, b, goal, limit=limit)
         return [Witness.of(support, self.entities) for support in supports]

@@ -1,6 +1,5 @@
 """A common scale for scores, so that several scorers and relations can be mixed."""
 
-from dataclasses import dataclass
 from typing import get_args
 
 import numpy as np
@@ -29,8 +28,8 @@ def scaled_table(
         scorer: any scorer.
         relation: relation id.
         scale: ``standardise`` scores to mean 0 and deviation 1 over pairs of different entities;
-            ``ranks`` standardises percentile ranks among all pairs; ``log-softmax`` standardises
-            the log-softmax over the heads of each tail; ``none`` leaves scores unchanged.
+            ``ranks`` standardises percentile ranks among all pairs; ``none`` leaves scores
+            unchanged.
         self_edges: scores of entities with themselves: ``keep`` all of them, keep only ``observed``
             ones, or ``drop`` all. A dropped score becomes the mean over pairs of different
             entities.
@@ -52,10 +51,6 @@ def scaled_table(
         # Equal scores share their mean rank.
         middle = np.cumsum(counts) - (counts - 1) / 2
         scores = middle[group].reshape(scores.shape)
-    elif scale == "log-softmax":
-        # Without the maximum first, large scores would overflow in exp.
-        scores = scores - scores.max(axis=0)
-        scores -= np.log(np.exp(scores).sum(axis=0))
     table = (scores if scale == "none" else standardised(scores)).astype(np.float32)
     if len(dropped):
         different = table[~np.eye(len(table), dtype=bool)]
@@ -65,39 +60,8 @@ def scaled_table(
     return torch.from_numpy(table)
 
 
-FACTORED_SCALES: tuple[Scale, ...] = ("standardise", "ranks", "none")
-"""Scales that need no table of all pairs."""
 KNOTS = 512
 """Even steps in rank between two of which ranks are interpolated."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Scaling:
-    """How scores that are computed when needed become scaled: ``(score - shift) / deviation``.
-
-    Attributes:
-        shift: is subtracted from each raw score, shape ().
-        deviation: deviation of the scores, shape (); 1 if they stay raw or become ranks.
-        dropped: shape (E,), bool: True if :attr:`itself` replaces the score of the entity with
-            itself.
-        itself: score for these self pairs, shape ().
-        knots: scores in ascending order, shape (K,), between which ranks are linear, see
-            :func:`interpolated`; None unless scores become ranks.
-        heights: standardised percentile ranks of the knots, shape (K,); None likewise.
-    """
-
-    shift: Tensor
-    deviation: Tensor
-    dropped: Tensor
-    itself: Tensor
-    knots: Tensor | None = None
-    heights: Tensor | None = None
-
-    def tensors(self) -> dict[str, Tensor]:
-        """Return the tensors by name, without those that are None."""
-        return {name: tensor for name, tensor in vars(self).items() if tensor is not None}
-
-
 SIDE = 1_024
 """Heads, and tails, of the pairs whose scores stand for all where there is no table.
 
@@ -113,53 +77,55 @@ def sampled_scaling(
     *,
     self_edges: SelfEdges = "keep",
     observed: Ids | None = None,
-) -> Scaling:
+) -> dict[str, Tensor]:
     """Return the scaling of :func:`scaled_table`, from evenly spread pairs instead of all.
 
     Args:
         scorer: any scorer; :data:`SIDE` squared pairs are scored, or all pairs if there are fewer.
         relation: relation id.
-        scale: one of :data:`FACTORED_SCALES`, as in :func:`scaled_table`.
+        scale: as in :func:`scaled_table`.
         self_edges: as in :func:`scaled_table`.
         observed: as in :func:`scaled_table`.
 
+    Returns:
+        tensors by name. A scaled score is ``(score - shift) / deviation``, shape () each. Of
+        entities that are True in ``dropped``, shape (E,), the score with themselves is ``itself``,
+        shape (). Scores that become ranks have ``knots``, scores in ascending order, and their
+        standardised percentile ranks ``heights``, shape (K,) each, see :func:`interpolated`.
+
     Raises:
-        ConfigError: for a scale that needs a table, an unknown treatment of self edges, or if
-            ``observed`` is missing.
+        ConfigError: for an unknown scale or treatment of self edges, or if ``observed`` is missing.
     """
-    one_of("scale", scale, FACTORED_SCALES)
+    one_of("scale", scale, get_args(Scale))
     size = len(scorer.entities)
-    dropped = torch.from_numpy(_dropped(size, relation, self_edges, observed))
     length = min(SIDE, size)
     side = torch.arange(length) * size // length
     # A column of heads and a row of tails: scorers have short cuts for such a grid.
     scores = scorer.score(side[:, None], relation, side[None]).detach().cpu().flatten()
     is_different = (side[:, None] != side).flatten()
-    zero = torch.zeros(())
-    unit = torch.ones(())
+    scaling = {
+        "shift": torch.zeros(()),
+        "deviation": torch.ones(()),
+        "dropped": torch.from_numpy(_dropped(size, relation, self_edges, observed)),
+        "itself": torch.zeros(()),
+    }
     if scale == "ranks":
         knots, heights = _rank_knots(scores.numpy(), is_different.numpy())
-        return Scaling(
-            shift=zero,
-            deviation=unit,
-            dropped=dropped,
-            itself=zero,
-            knots=knots,
-            heights=heights,
-        )
+        return scaling | {"knots": knots, "heights": heights}
     # In 64 bits, because the mean over a million pairs would lose digits in 32.
     pair_scores = scores[is_different].double()
-    mean = pair_scores.mean().float() if len(pair_scores) else zero
+    # A graph of a single entity has no pair of two.
+    if not len(pair_scores):
+        return scaling
+    mean = pair_scores.mean().float()
     if scale == "none":
-        return Scaling(shift=zero, deviation=unit, dropped=dropped, itself=mean)
-    scale_of = unit
-    if len(pair_scores):
-        deviation = pair_scores.std(correction=0).float()
-        # Scores that are equal up to rounding must not be amplified.
-        largest = pair_scores.abs().amax()
-        if bool(deviation > 1e-6 * largest):
-            scale_of = deviation
-    return Scaling(shift=mean, deviation=scale_of, dropped=dropped, itself=zero)
+        return scaling | {"itself": mean}
+    scaling["shift"] = mean
+    deviation = pair_scores.std(correction=0).float()
+    # Scores that are equal up to rounding must not be amplified.
+    if bool(deviation > 1e-6 * pair_scores.abs().amax()):
+        scaling["deviation"] = deviation
+    return scaling
 
 
 def interpolated(scores: Tensor, knots: Tensor, heights: Tensor) -> Tensor:

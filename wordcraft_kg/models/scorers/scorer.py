@@ -110,14 +110,11 @@ class Scorer(ABC):
 
     def _ids_of_labels(self, labels: np.ndarray) -> np.ndarray:
         """Return the ids of labels, with the shape of the array of labels."""
-        ids = []
         for label in labels.flat:
-            name = str(label)
-            if name not in self._index:
-                hint = nearest(name, self.entities)
-                raise UnknownEntityError(f"no entity '{name}' in {self.name}.{hint}")
-            ids.append(self._index[name])
-        return np.array(ids).reshape(labels.shape)
+            if label not in self._index:
+                hint = nearest(str(label), self.entities)
+                raise UnknownEntityError(f"no entity '{label}' in {self.name}.{hint}")
+        return np.vectorize(self._index.__getitem__)(labels)
 
     def relation_ids(self, relations: RelationIds) -> Tensor:
         """Convert relation names or ids to int64 ids on the device.

@@ -315,7 +315,7 @@ def _constants(
         # Heads are slots and tails are keys; transposed, a state's slots share a row in memory.
         table[:-1, :-1] = scores.detach().cpu().T
         return {"scores": table}
-    constants = sampled_scaling(scorer, relation, view.scale, **settings).tensors()
+    constants = sampled_scaling(scorer, relation, view.scale, **settings)
     if not isinstance(scorer, RecipeScorer):
         assert isinstance(scorer, FactoredScorer)
         left_factors, right = (part.detach().cpu() for part in scorer.factors(relation))

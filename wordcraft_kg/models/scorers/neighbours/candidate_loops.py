@@ -156,9 +156,8 @@ def intermediates(lists, goals, tables, further, near, out):  # type: ignore[no-
     size = len(lists.norms)
     ids = np.empty(near, dtype=np.int32)
     values = np.empty(near, dtype=np.float32)
-    width = out.shape[1]
     # Work space for a pair, made once for the batch.
-    best_values = np.empty(width, dtype=np.float32)
+    best_values = np.empty(out.shape[1], dtype=np.float32)
     known_pairs = room_for_pairs(lists, 1)
     for row in range(len(goals)):
         goal = goals[row]
@@ -195,9 +194,7 @@ def intermediates(lists, goals, tables, further, near, out):  # type: ignore[no-
                 makes[entity] = (makes[entity] + FLOOR) * (needs[entity] + FLOOR)
             else:
                 makes[entity] = 0
-        count = _best(makes, out[row], best_values)
-        for place in range(count, width):
-            out[row, place] = -1
+        out[row, _best(makes, out[row], best_values) :] = -1
 
 
 @compiled
@@ -242,5 +239,4 @@ def results_of_pairs(lists, first, second, out):  # type: ignore[no-untyped-def]
             totals[entity] = 0
             if num_results < width or value > values[num_results - 1]:
                 num_results = insert(out[row], values, num_results, entity, value)
-        for place in range(num_results, width):
-            out[row, place] = -1
+        out[row, num_results:] = -1

@@ -524,34 +524,3 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
                 (own_places, regression, word_regression, expected, cosines, kernels),
                 out[row],
             )
-
-
-@compiled
-def support_terms(lists, a, b, goal, terms):  # type: ignore[no-untyped-def]
-    """Write k² of a pair and the pair of each recipe that supports a goal, in both orders.
-
-    Args:
-        lists: the lists.
-        a: entity id.
-        b: entity id.
-        goal: entity id.
-        terms: shape (R, 2): straight and crossed.
-    """
-    size = len(lists.norms)
-    structure = np.zeros(size, dtype=np.float32)
-    parts = np.empty((2, len(terms)), dtype=np.int32)
-    # By entity of the pair, part of the recipe, and recipe.
-    kernels = np.empty((2, 2, len(terms)), dtype=np.float32)
-    cosines = np.empty(len(terms), dtype=np.float32)
-    for row in range(len(terms)):
-        recipe = lists.support[goal, row]
-        parts[0, row] = lists.first[recipe] if recipe >= 0 else -1
-        parts[1, row] = lists.second[recipe] if recipe >= 0 else -1
-    for side in range(2):
-        entity = b if side else a
-        for part in range(2):
-            alike_of(lists, entity, parts[part], structure, kernels[side, part], cosines)
-    squares = kernels * kernels
-    for row in range(len(terms)):
-        terms[row, 0] = squares[0, 0, row] * squares[1, 1, row]
-        terms[row, 1] = squares[0, 1, row] * squares[1, 0, row]

@@ -13,8 +13,7 @@ from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, Ids
 from wordcraft_kg.models.scorers.neighbours.blocks import of_blocks
 from wordcraft_kg.models.scorers.neighbours.candidate_loops import intermediates
-from wordcraft_kg.models.scorers.neighbours.feature_loops import support_terms
-from wordcraft_kg.models.scorers.neighbours.links import CELLS, link_features, links_by_key
+from wordcraft_kg.models.scorers.neighbours.links import CELLS, links_by_key
 from wordcraft_kg.models.scorers.neighbours.lists import Lists
 from wordcraft_kg.models.scorers.neighbours.pair_features import (
     FEATURES,
@@ -23,6 +22,7 @@ from wordcraft_kg.models.scorers.neighbours.pair_features import (
     pairs_of,
     with_link_scores,
 )
+from wordcraft_kg.models.scorers.neighbours.similar import alike_of
 from wordcraft_kg.models.scorers.neighbours.storage import StoredKnowledge
 
 LEAST_SHARE = 0.01
@@ -31,6 +31,8 @@ _ROWS = 64
 """Fewest tables for a thread: starting it takes as long as a few tables."""
 _BLOCK = 32
 """Most tables that a thread takes at once: few, so that all threads end at about the same time."""
+_HEADS = 128
+"""Heads whose links to all results are scored together: their rows stay in the fast cache."""
 
 
 class Support(NamedTuple):
@@ -72,7 +74,7 @@ class RecipeKnowledge(StoredKnowledge):
             IndexError: as :meth:`features`.
         """
         features = self.features(goal, table, model)
-        pair_scores = self.scores(features, model)
+        pair_scores = self.ranker().of_models(features, model)
         num_slots = table.shape[1]
         scores = pair_scores.new_empty(*table.shape, num_slots)
         # A pair is scored once, for both orders of its slots.
@@ -83,13 +85,13 @@ class RecipeKnowledge(StoredKnowledge):
         has_empty = is_empty[:, :, None] | is_empty[:, None]
         return scores.masked_fill(has_empty, -torch.inf)
 
-    def scores(self, features: Tensor, model: Tensor) -> Tensor:
-        """Score P slot pairs, (B, P), in nats, from their :meth:`features`, (B, P, F)."""
-        return self.ranker().of_models(features, model)
-
     def feature(self, features: Tensor, name: str) -> Tensor:
         """Return a feature by name, shape (B, P), from :meth:`features`."""
         return features[..., FEATURES.index(name)]
+
+    def kinds(self, features: Tensor) -> Tensor:
+        """Return whether a train recipe makes the goal (0 or 1), (B, P), from :meth:`features`."""
+        return (self.feature(features, "goal_made") > 0).long()
 
     def features(
         self,
@@ -183,13 +185,40 @@ class RecipeKnowledge(StoredKnowledge):
         """
         if self._link_table(relation).numel():
             return self._from_table(relation, model, table, key[:, None])
-        links = self._by_model(
-            model,
-            (self.ids(key), self.ids(table)),
-            lambda lists, *keys: links_by_key(lists, relation, *keys).numpy(),
-        )
-        features = torch.from_numpy(links).to(key.device)
-        return self.ranker(f"{RELATIONS[relation]}_").of_models(features, model)
+        ranker = self.ranker(f"{RELATIONS[relation]}_")
+        scores = torch.empty(table.shape, device=key.device)
+        step = max(1, CELLS // table.shape[1])
+        for start in range(0, len(key), step):
+            block = slice(start, start + step)
+            links = self._by_model(
+                model[block],
+                (self.ids(key[block]), self.ids(table[block])),
+                lambda lists, *keys: links_by_key(lists, relation, *keys).numpy(),
+            )
+            features = torch.from_numpy(links).to(key.device)
+            scores[block] = ranker.of_models(features, model[block])
+        return scores
+
+    def link_scores(self, relation: int, heads: Tensor, tails: Tensor) -> Tensor:
+        """Score the links of all heads, ids (H,), with all tails, ids (N,), by the first model.
+
+        Returns:
+            shape (H, N), float32.
+        """
+        if self._link_table(relation).numel():
+            return self._from_table(relation, torch.zeros_like(heads), heads[:, None], tails)
+        # Few and small products: further threads would mostly wait.
+        with torch_threads(1):
+            if relation == COMBINES_WITH:
+                return self._scores_by_key(relation, heads, tails)
+            # All heads of a block share what depends on a result.
+            blocks = heads.split(_HEADS)
+            return torch.cat([self._scores_by_key(relation, tails, block).T for block in blocks])
+
+    def _scores_by_key(self, relation: int, keys: Tensor, entities: Tensor) -> Tensor:
+        """Return :meth:`slot_scores` of all keys (B,) with all entities (A,)."""
+        table = entities.expand(len(keys), -1)
+        return self.slot_scores(relation, keys, table, torch.zeros_like(keys))
 
     def _by_model(
         self,
@@ -247,54 +276,6 @@ class RecipeKnowledge(StoredKnowledge):
         ]
         return scores.float()
 
-    @torch.no_grad()
-    def link_scores(
-        self,
-        relation: int,
-        entities: Tensor,
-        candidates: Tensor | None = None,
-        *,
-        heads: bool = False,
-        model: int = 0,
-    ) -> Tensor:
-        """Score the links of some entities by a link ranker.
-
-        Args:
-            relation: relation id.
-            entities: ids on one side of the links, shape (B,).
-            candidates: ids on the other side, shape (B, N); None for all entities.
-            heads: whether candidates are the heads, not the tails.
-            model: number of the model.
-
-        Returns:
-            shape (B, N), or (B, E), float32.
-        """
-        table = self._link_table(relation)
-        if table.numel():
-            # Row = head: with candidates as heads, the entities are columns.
-            by_entity = table[model].T if heads else table[model]
-            columns = slice(None) if candidates is None else candidates
-            rows = entities if candidates is None else entities[:, None]
-            return by_entity[rows, columns].float()
-        ranker = self.ranker(f"{RELATIONS[relation]}_").model(model)
-        width = self.num_entities if candidates is None else candidates.shape[1]
-        scores = torch.zeros(len(entities), width)
-        step = max(1, CELLS // max(width, 1))
-        # Few and small products: further threads would mostly wait.
-        with torch_threads(1):
-            for start in range(0, len(entities), step):
-                block = slice(start, start + step)
-                features = link_features(
-                    self.lists(model),
-                    relation,
-                    self.ids(entities[block]),
-                    None if candidates is None else self.ids(candidates[block]),
-                    heads=heads,
-                )
-                # Without the entities of other books, which come last.
-                scores[block] = ranker(features)[:, :width]
-        return scores.to(entities.device)
-
     def word_cosines(self, entity: int, others: Tensor) -> Tensor:
         """Return word cosines of an entity and n others, shape (n,)."""
         return self.vectors[others].float() @ self.vectors[entity].float()
@@ -303,15 +284,12 @@ class RecipeKnowledge(StoredKnowledge):
         """Return whether the first model has a recipe of an entity with each other, shape (n,)."""
         lists = self.lists()
         # The entity is the first ingredient of a recipe, or the second.
-        after = lists.second[lists.first == entity]
-        before = lists.first[lists.second == entity]
-        partners = torch.from_numpy(np.concatenate([after, before]))
-        return torch.isin(others, partners)
+        partners = [lists.second[lists.first == entity], lists.first[lists.second == entity]]
+        return torch.isin(others, torch.from_numpy(np.concatenate(partners)))
 
     def log_uses(self) -> Tensor:
         """Return log(1 + recipes of the first model that use an entity), shape (E,)."""
-        uses = self.lists().num_uses[: self.num_entities]
-        return torch.from_numpy(uses).float().log1p()
+        return torch.from_numpy(self.lists().num_uses[: self.num_entities]).float().log1p()
 
     def intermediates(
         self,
@@ -372,22 +350,27 @@ class RecipeKnowledge(StoredKnowledge):
         """
         a, b, goal = self.ids(torch.tensor([a, b, goal])).tolist()
         lists = self.lists(model)
-        numbers = lists.support[goal]
-        orders = np.zeros((len(numbers), 2), dtype=np.float32)
-        support_terms(lists, a, b, goal, orders)
         # -1 ends the list.
-        numbers = numbers[numbers >= 0]
-        orders = orders[: len(numbers)]
+        numbers = lists.support[goal][lists.support[goal] >= 0]
+        columns = (lists.first[numbers], lists.second[numbers], lists.result[numbers])
+        # By entity of the pair, ingredient of the recipe, and recipe.
+        kernels = np.empty((2, 2, len(numbers)), dtype=np.float32)
+        structure = np.zeros(len(lists.norms), dtype=np.float32)
+        cosines = np.empty(len(numbers), dtype=np.float32)
+        for side, part in np.ndindex(2, 2):
+            alike_of(lists, (a, b)[side], columns[part], structure, kernels[side, part], cosines)
+        squares = kernels**2
+        straight = squares[0, 0] * squares[1, 1]
+        crossed = squares[0, 1] * squares[1, 0]
         like_goal = lists.support_alike[goal, : len(numbers)]
         # Both orders count as evidence, as in the feature; a weight is the better order's alone.
-        evidence = like_goal * orders.sum(1)
-        weights = np.minimum(like_goal * orders.max(1, initial=0), 1)
+        evidence = like_goal * (straight + crossed)
+        weights = np.minimum(like_goal * np.maximum(straight, crossed), 1)
         # Without evidence all shares are 0, not NaN.
         smallest = np.finfo(np.float32).tiny
         shares = evidence / max(evidence.sum(), smallest)
         strengths = evidence / max(evidence.max(initial=0), smallest)
-        columns = (lists.first, lists.second, lists.result)
-        recipes = np.stack([column[numbers] for column in columns], axis=1)
+        recipes = np.stack(columns, axis=1)
         is_other = (recipes[:, 2] != goal) | (shares < LEAST_SHARE)
         # The last key counts first; ties stay in the order of the list.
         by_share = np.lexsort((-evidence, is_other))

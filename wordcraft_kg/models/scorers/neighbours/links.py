@@ -118,42 +118,23 @@ def links_by_key(lists: Lists, relation: int, keys: Ids, slots: Ids) -> Tensor:
     return torch.from_numpy(features)
 
 
-def link_features(
-    lists: Lists,
-    relation: int,
-    entities: Ids,
-    candidates: Ids | None = None,
-    *,
-    heads: bool = False,
-) -> Tensor:
-    """Return the features of a relation's links between entities and candidates.
-
-    combinesWith is symmetric, so ``heads`` counts for componentOf alone.
+def link_features(lists: Lists, relation: int, heads: Ids, tails: Ids) -> Tensor:
+    """Return the features of the links of all heads with all tails.
 
     Args:
         lists: the lists.
         relation: relation id.
-        entities: ids on one side, shape (B,).
-        candidates: ids on the other side, shape (B, N); None for all entities.
-        heads: whether candidates are the heads.
+        heads: ids, shape (H,).
+        tails: ids, shape (N,).
 
     Returns:
-        shape (B, N, F), float32.
+        shape (H, N, F), float32.
     """
-    size = len(lists.norms)
-    has_results = relation == COMPONENT_OF and not heads
-    if candidates is None and has_results:
-        # Each entity is a result, and all heads share what depends on it: (T, B, F) to (B, T, F).
-        slots = np.broadcast_to(entities, (size, len(entities)))
-        by_result = links_by_key(lists, relation, np.arange(size), slots)
-        return by_result.transpose(0, 1)
-    if candidates is None:
-        candidates = np.broadcast_to(np.arange(size), (len(entities), size))
-    if has_results:
-        heads_of_links = np.repeat(entities, candidates.shape[1])[:, None]
-        one_by_one = links_by_key(lists, relation, candidates.ravel(), heads_of_links)
-        return one_by_one.view(*candidates.shape, -1)
-    return links_by_key(lists, relation, entities, candidates)
+    if relation == COMBINES_WITH:
+        return links_by_key(lists, relation, heads, np.tile(tails, (len(heads), 1)))
+    # All heads share what depends on a result: (N, H, F) to (H, N, F).
+    by_result = links_by_key(lists, relation, tails, np.tile(heads, (len(tails), 1)))
+    return by_result.transpose(0, 1)
 
 
 @compiled

@@ -248,22 +248,20 @@ class StoredKnowledge(nn.Module):
 
     @classmethod
     def stacked(cls, models: Sequence[Self]) -> Self:
-        """Combine several models' knowledge, with the same entities, along axis M."""
+        """Combine single models' knowledge, M = 1 each, with the same entities, along axis M."""
         # Models of folds share most recipes: each is stored once, with a mask for each model.
         recipes = torch.cat([model.recipes for model in models])
         distinct, place = recipes.unique(dim=0, return_inverse=True)
-        masks = []
         places = place.split([len(model.recipes) for model in models])
-        for model, rows in zip(models, places, strict=True):
-            mask = torch.zeros(model.num_models, len(distinct), dtype=torch.bool)
-            mask[:, rows] = model.seen
-            masks.append(mask)
+        seen = torch.zeros(len(models), len(distinct), dtype=torch.bool)
+        for mask, rows, model in zip(seen, places, models, strict=True):
+            mask[rows] = model.seen[0]
         constants = {
             "num_own": models[0].num_own,
             "vectors": models[0].vectors,
             "near_words": models[0].near_words,
             "recipes": distinct,
-            "seen": torch.cat(masks),
+            "seen": seen,
         }
         # All others have a first axis of models.
         for name in models[0]._names:
@@ -271,11 +269,7 @@ class StoredKnowledge(nn.Module):
                 constants[name] = torch.cat([getattr(model, name) for model in models])
         stack = cls(constants)
         # Lists that are made already serve the stack, too.
-        first = 0
-        for model in models:
-            for number, lists in model._lists.items():
-                stack._lists[first + number] = lists
-            first += model.num_models
+        stack._lists = {row: model._lists[0] for row, model in enumerate(models) if model._lists}
         return stack
 
     def with_tensors(self, tensors: dict[str, Tensor]) -> Self:
@@ -381,14 +375,12 @@ class StoredKnowledge(nn.Module):
 
     def knows(self, recipes: Tensor, model: int) -> Tensor:
         """Return a mask of the recipes, ids (n, 3), in a model's training data, shape (n,)."""
-        trained_on = self.recipes[self.seen[model]]
-        is_known = np.isin(self._recipe_keys(recipes), self._recipe_keys(trained_on))
-        return torch.from_numpy(is_known).to(recipes.device)
-
-    def _recipe_keys(self, recipes: Tensor) -> Ids:
-        """Return a number for each recipe, ids (n, 3), in which the ingredients' order is lost."""
-        a, b, result = recipes.long().cpu().numpy().T
-        return recipe_keys(a, b, result, num_entities=len(self.vectors))
+        # A number for each recipe, in which the ingredients' order is lost.
+        keys, known_keys = (
+            recipe_keys(*rows.long().cpu().numpy().T, num_entities=len(self.vectors))
+            for rows in (recipes, self.recipes[self.seen[model]])
+        )
+        return torch.from_numpy(np.isin(keys, known_keys)).to(recipes.device)
 
     def ids(self, entities: Tensor) -> Ids:
         """Return ids for compiled loops, which check no bounds: -1 for E, the empty slot.

@@ -361,7 +361,6 @@ class BatchEngine:
         self,
         state: State,
         seeds: Sequence[int | None],
-        where: Array | None = None,
     ) -> State:
         """Give environments seeds of their own, for the episodes that begin next.
 
@@ -371,7 +370,6 @@ class BatchEngine:
         Args:
             state: state of this engine, which stays unchanged.
             seeds: N seeds, 0 or more; None keeps an environment's episodes.
-            where: shape (N,), bool: environments whose seeds are taken; all by default.
 
         Raises:
             ConfigError: for a negative seed.
@@ -379,7 +377,7 @@ class BatchEngine:
         keys = self.arrays.copy(state.keys)
         episode = self.arrays.copy(state.episode)
         for env, seed in enumerate(seeds):
-            if seed is not None and (where is None or where[env]):
+            if seed is not None:
                 keys[env] = self._draws.env_keys(seed, 0, 1)[0]
                 episode[env] = 0
         ahead = Ahead(self._draws, keys, episode)
@@ -409,26 +407,31 @@ class BatchEngine:
             ConfigError: for a negative seed, or if no distractors without a shortcut are found for
                 a task.
         """
-        keys = self._keys(seed)
         number = self.arrays.full((self.num_envs,), episode)
         if isinstance(tasks, list | np.ndarray):
             tasks = self.arrays.array(np.array(tasks, dtype=np.int64))
-        if tables is None:
-            tables = self._draws.tables(self._draws.keys(keys, number), tasks)
-        begun = self._begun(tables, tasks)
-        following = number + 1
-        return State._make((self, keys, Ahead(self._draws, keys, following), 0, *begun, following))
+        return self._posed(self._keys(seed), number, tasks, tables)
 
-    def posed(self, state: State, tasks: Array, tables: Array) -> State:
-        """Begin given episodes in all environments of a state, whose later episodes stay.
+    def pose_next(self, state: State, tasks: Array, tables: Array | None = None) -> State:
+        """Begin the next episode of each environment of a state with a given task.
 
         Args:
             state: state of this engine, which stays unchanged.
             tasks: shape (N,): task indices.
-            tables: shape (N, at most num_slots): ids in slot order, padded with nothing.
+            tables: as for :meth:`pose`.
+
+        Raises:
+            ConfigError: if no distractors without a shortcut are found for a task.
         """
+        return self._posed(state.keys, state.episode, tasks, tables)
+
+    def _posed(self, keys: Array, episode: Array, tasks: Array, tables: Array | None) -> State:
+        """Begin episodes of these keys and numbers, both shape (N,)."""
+        if tables is None:
+            tables = self._draws.tables(self._draws.keys(keys, episode), tasks)
         begun = self._begun(tables, tasks)
-        return State._make((self, state.keys, state.ahead, state.age, *begun, state.episode))
+        following = episode + 1
+        return State._make((self, keys, Ahead(self._draws, keys, following), 0, *begun, following))
 
     def _keys(self, seed: int) -> Array:
         return self._draws.env_keys(seed, self.first_env, self.num_envs)
@@ -573,7 +576,8 @@ class BatchEngine:
         if self.config.illegal_action == "raise" and bool(picked.illegal.any()):
             env = int(picked.illegal.nonzero()[0][0])
             action = f"action {int(actions[env])} of environment {env}"
-            raise empty_slot(action, int(state.count[env]) - 1)
+            last = int(state.count[env]) - 1
+            raise ActionError(f"{action}: the slot is empty; slots 0 to {last} hold entities.")
         attempts_left = state.attempts_left - cast(picked.ends_attempt & running, "int64")
         results = self._results(state, picked.pair, running, is_replaced=is_replaced)
         over = running & (results.made_goal | (attempts_left == 0))
@@ -783,13 +787,3 @@ class BatchEngine:
                 f"expected 0 to {self.num_slots - 1}."
             )
         return actions
-
-
-def empty_slot(action: str, last: int) -> ActionError:
-    """Return the error for the choice of an empty slot.
-
-    Args:
-        action: names the action.
-        last: last slot with an entity.
-    """
-    return ActionError(f"{action}: the slot is empty; slots 0 to {last} hold entities.")

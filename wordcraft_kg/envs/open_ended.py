@@ -248,11 +248,10 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         Raises:
             EpisodeError: before :meth:`reset`.
         """
-        if self._outcome == "not_begun" and self.render_mode is not None:
+        if self.render_mode is None:
+            return None
+        if self._outcome == "not_begun":
             raise EpisodeError("call reset() before render().")
-        return None if self.render_mode is None else self._words()
-
-    def _words(self) -> str:
         known_ids = self.discovery.known
         return (
             f"known: {len(known_ids)} of {self.discovery.reachable}   "

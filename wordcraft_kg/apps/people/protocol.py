@@ -1,8 +1,9 @@
 """The paper's protocol for people: tasks in order, and answers."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -41,6 +42,38 @@ def episode_seed(seed: int, part: str, number: int) -> int:
     whole("seed", seed, 0)
     sequence = np.random.SeedSequence(seed, spawn_key=(_SEED_KEYS.index(part), number))
     return int(sequence.generate_state(1)[0])
+
+
+def _drawn(world: World, seed: int) -> dict[str, Any]:
+    """Draw a task and the entities on its table, in the order of the slots, for ``env.reset``.
+
+    Not by :mod:`wordcraft_kg.envs.draws`, though of the same distribution: a study stores its seed
+    alone, and these draws must never change.
+    """
+    uniform = _uniform(seed)
+    task = int(next(uniform) * len(world.tasks))
+    table = world.without_nothing(world.tasks.starts[task].tolist())
+    size = len(table) + int(world.num_drawn[task])
+    taken = {int(world.tasks.goals[task]), *table}
+    weight_ends = np.cumsum(world.distractor_weights)
+    while len(table) < size:
+        share = int(next(uniform) * weight_ends[-1])
+        entity = int(np.searchsorted(weight_ends, share, side="right"))
+        if entity not in taken:
+            taken.add(entity)
+            table.append(entity)
+    # The shuffle of Fisher and Yates.
+    for last in range(size - 1, 0, -1):
+        place = int(next(uniform) * (last + 1))
+        table[last], table[place] = table[place], table[last]
+    return {"task": task, "table": table}
+
+
+def _uniform(seed: int) -> Iterator[float]:
+    """Yield the uniform numbers of a seed."""
+    rng = np.random.default_rng(seed)
+    while True:
+        yield from reversed(rng.random(1_024).tolist())
 
 
 class Answer(Record):
@@ -151,7 +184,8 @@ class HumanProtocol:
         """
         # A seed for each episode: a task does not depend on how many were posed before it.
         env = self._envs[part]
-        observation, _ = env.reset(seed=episode_seed(seed, part, number))
+        start = _drawn(env.world, episode_seed(seed, part, number))
+        observation, _ = env.reset(options=start)
         return env, observation
 
     def task(self, seed: int, part: str, number: int) -> PosedTask:

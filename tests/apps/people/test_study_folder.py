@@ -15,7 +15,15 @@ from typing import Any
 import pytest
 from helpers import refuses
 
-from tests.apps.people.stored import at_once, contents, go_on, lines_of, other_world, unchanged
+from tests.apps.people.stored import (
+    at_once,
+    contents,
+    go_on,
+    lines_of,
+    other_world,
+    posed,
+    unchanged,
+)
 from wordcraft_kg.apps.people.answers_database import ANSWERS_FILE, AnswersDatabase, Cell
 from wordcraft_kg.apps.people.protocol import HumanProtocol, episode_seed, schedule
 from wordcraft_kg.apps.people.study import (
@@ -40,7 +48,6 @@ from wordcraft_kg.base import (
     as_values,
 )
 from wordcraft_kg.base.statistics import wilson_interval
-from wordcraft_kg.envs.words import table_labels
 from wordcraft_kg.graphs import SplitConfig, make_split
 
 SMALL = StudyConfig(tasks=3, distractors=(1, 8), forms=2, seed=5)
@@ -459,9 +466,7 @@ def test_an_answer_is_what_an_environment_says_of_the_same_picks(protocol):
         task = protocol.task(0, part, number)
         parts = [task.table.index(label) for label in task.plans[0][:2]]
         for slots in ((0, 1), (number % 10, 0), (4, 4), (parts[0], parts[1])):
-            env, observation = protocol.pose(0, part, number)
-            assert table_labels(env, observation) == task.table
-            assert env.state.task == task.index
+            env, _ = posed(protocol, 0, part, number)
             env.step(slots[0])
             *_, info = env.step(slots[1])
             answer = protocol.answer(task, slots, 1.23456)

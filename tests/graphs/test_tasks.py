@@ -15,7 +15,7 @@ from wordcraft_kg.graphs import (
     make_split,
     tasks,
 )
-from wordcraft_kg.graphs.splits import PARTS, Draw
+from wordcraft_kg.graphs.splits import PARTS
 from wordcraft_kg.graphs.tasks import (
     MAX_DEPTH,
     TWICE_SHARE,
@@ -298,11 +298,9 @@ PART_OF_ROW = {
 BRANCHED_SPLIT = Split(
     BRANCHED,
     SplitConfig("by-recipe"),
-    Draw(
-        np.array(
-            [PARTS.index(PART_OF_ROW.get(row, "train")) for row in BRANCHED.recipe_labels()],
-            dtype=np.int8,
-        )
+    np.array(
+        [PARTS.index(PART_OF_ROW.get(row, "train")) for row in BRANCHED.recipe_labels()],
+        dtype=np.int8,
     ),
 )
 
@@ -341,7 +339,7 @@ def test_a_part_without_tasks_is_refused_saying_how_many_belong_to_none():
         [("a", "b", "c"), ("a", "c", "d"), ("a", "a", "e"), ("b", "e", "d")]
     )
     parts = np.array([row == ("b", "e", "d") for row in graph.recipe_labels()], dtype=np.int8) * 2
-    split = Split(graph, SplitConfig(), Draw(parts))
+    split = Split(graph, SplitConfig(), parts)
     with pytest.raises(
         TaskError, match=r"graph has no task of depth 2 in the test part \(1 belong to no part\)"
     ):

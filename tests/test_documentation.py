@@ -606,8 +606,8 @@ TEXTS = [
     ),
     (
         lambda: wk.open_graph("damaged"),
-        "ArtefactError: damaged/graph.json, line 1, column 2: not JSON (Expecting property name "
-        "enclosed in double quotes). The graph folder is damaged; build it again.",
+        "ArtefactError: damaged/graph.json is damaged: Input data was truncated. Make it again, or "
+        "restore a copy.",
     ),
     (
         lambda: export_graph(wk.open_graph("kitchen"), "owl", Path("graph.owl")),

@@ -4,7 +4,6 @@ A graph is opened by folder, recipe book file or book name. A folder's bytes dep
 and the split's settings, so two people can compare their folders.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path, PureWindowsPath
@@ -49,8 +48,6 @@ KG = Literal["partial", "full"]
 """Knowledge graph: triples from the train recipes, or from all recipes."""
 GRAPH_FILE = 2**30
 """Most bytes of ``graph.json`` and of ``split.json``: seven million recipes take 400 MB."""
-_DROPPED = ("dropped_self_results", "merged_duplicates")
-"""Numbers of lines of a book that became no recipe."""
 TrainedOn = Literal["partial", "full", "none"]
 """A scorer's training recipes: train, all, or none (a scorer of entity names only)."""
 
@@ -183,26 +180,6 @@ def entities_frame(graph: RecipeGraph) -> "pd.DataFrame":
     )
 
 
-def _derived_files(split: Split, book: RecipeBook) -> dict[str, Iterable[str]]:
-    """Return the lines of all tables in a graph folder by file name.
-
-    Args:
-        split: the split.
-        book: recipes of the split's graph, sorted, and their kinds.
-    """
-    graph = split.graph
-    frame = entities_frame(graph)
-    frame.insert(0, "id", range(len(frame)))
-    files: dict[str, Iterable[str]] = {
-        "recipes.csv": recipe_table(book),
-        "entities.tsv": [frame.to_csv(sep="\t", index=False, lineterminator="\n")],
-    }
-    parts = {"full": graph.triples, "partial": split.partial, "unseen": split.unseen}
-    for name, triples in parts.items():
-        files[f"triples/{name}.tsv"] = triple_lines(triples, graph.entities)
-    return files
-
-
 @stage("writing the graph folder")
 def write_graph_folder(
     out: str | Path,
@@ -244,7 +221,8 @@ def write_graph_folder(
         )
     graph = split.graph
     with staged_folder(Path(out), force=force) as folder:
-        source = {name: getattr(book, name) for name in ("sha256", *_DROPPED)}
+        names = ("sha256", "dropped_self_results", "merged_duplicates")
+        source = {name: getattr(book, name) for name in names}
         if graph.base_is_inferred:
             source["base_is_inferred"] = True
         if book.reading is not None:
@@ -256,9 +234,16 @@ def write_graph_folder(
             folder / "graph.json", book_json(graph_book, hash=graph.hash, source=source)
         )
         write_atomically(folder / "split.json", split.to_json())
+        write_atomically(folder / "recipes.csv", recipe_table(graph_book))
+        frame = entities_frame(graph)
+        frame.insert(0, "id", range(len(frame)))
+        table = frame.to_csv(sep="\t", index=False, lineterminator="\n")
+        write_atomically(folder / "entities.tsv", table)
         (folder / "triples").mkdir()
-        for name, lines in _derived_files(split, graph_book).items():
-            write_atomically(folder / name, lines)
+        parts = {"full": graph.triples, "partial": split.partial, "unseen": split.unseen}
+        for name, triples in parts.items():
+            lines = triple_lines(triples, graph.entities)
+            write_atomically(folder / "triples" / f"{name}.tsv", lines)
         record = audit(graph, split, book)
         write_atomically(folder / "audit.json", dump_json(as_values(record)))
     return record

@@ -524,8 +524,7 @@ class BatchEngine:
             The next state, and the outcome of the actions in the episodes that they belong to.
 
         Raises:
-            ActionError: for a number that is not a slot, or for an empty slot if
-                ``illegal_action`` is ``raise``.
+            ActionError: for a number that is not a slot.
             ConfigError: if no distractors without a shortcut are found for a task.
         """
         after, result = self.step_env(state, self._checked(actions), is_replaced=True)
@@ -563,9 +562,6 @@ class BatchEngine:
         Returns:
             The state after the actions, and their outcome. Attempts stay as they are when a goal
             ends an episode.
-
-        Raises:
-            ActionError: for an empty slot if ``illegal_action`` is ``raise``.
         """
         cast = self.arrays.cast
         # One index into the flat tables: faster than an index along two axes.
@@ -573,11 +569,6 @@ class BatchEngine:
         running = state.attempts_left > 0
         pick = self._pick_sets if self.world.has_combine else self._pick_pairs
         picked = pick(state, actions, entities, running)
-        if self.config.illegal_action == "raise" and bool(picked.illegal.any()):
-            env = int(picked.illegal.nonzero()[0][0])
-            action = f"action {int(actions[env])} of environment {env}"
-            last = int(state.count[env]) - 1
-            raise ActionError(f"{action}: the slot is empty; slots 0 to {last} hold entities.")
         attempts_left = state.attempts_left - cast(picked.ends_attempt & running, "int64")
         results = self._results(state, picked.pair, running, is_replaced=is_replaced)
         over = running & (results.made_goal | (attempts_left == 0))

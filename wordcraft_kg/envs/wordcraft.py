@@ -90,9 +90,8 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     ## Action space
     ``Discrete(num_slots)``: the slot to choose; a slot may be chosen twice. Choosing an empty slot
     wastes the attempt: nothing is made, the selection is cleared, ``info["illegal_action"]`` is
-    set; with ``illegal_action="raise"`` an error is raised. A number outside the space always
-    raises an error. *Combine*, if there, is the last action, whose slot holds no entity; it is
-    masked, and as illegal as an empty slot, until an entity is chosen.
+    set. A number outside the space raises an error. *Combine*, if there, is the last action, whose
+    slot holds no entity; it is masked, and as illegal as an empty slot, until an entity is chosen.
 
     ## Observation space
     ``Dict`` of ids and masks, fresh arrays each time; ``num_entities`` is the id of nothing.
@@ -215,8 +214,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             Observation, reward, whether the episode is over, False (never truncated), and info.
 
         Raises:
-            ActionError: for a number that is not a slot, or for an empty slot if
-                ``illegal_action`` is ``raise``.
+            ActionError: for anything but the number of a slot.
             EpisodeError: before :meth:`reset`, or after the end of the episode.
         """
         if self._outcome != "in_progress":
@@ -412,8 +410,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
             Observations, rewards (float64), terminated, truncated (always False) and infos.
 
         Raises:
-            ActionError: for a number that is not a slot, or for an empty slot if
-                ``illegal_action`` is ``raise``.
+            ActionError: for a number that is not a slot.
             EpisodeError: before :meth:`reset`.
         """
         last, result = self.engine.step_once(self.state, actions)

@@ -236,24 +236,6 @@ class _Made(NamedTuple):
     is_goal: Array
 
 
-class _Results(NamedTuple):
-    """What the actions of N environments make.
-
-    Attributes:
-        made_goal: shape (N,), bool: whether the goal was made.
-        by_plan: shape (N,), bool: whether a plan's last pair made it.
-        wide: the tables after the actions, as in :class:`State`.
-        count: shape (N,): number of entities on these tables.
-        shaped: shape (N,): shaped rewards for results; None without shaped rewards.
-    """
-
-    made_goal: Array
-    by_plan: Array
-    wide: Array
-    count: Array  # type: ignore[assignment] # hides the method of tuples
-    shaped: Array | None
-
-
 class BatchEngine:
     """N crafting environments that step together, as pure functions on a :class:`State`.
 
@@ -570,11 +552,17 @@ class BatchEngine:
         pick = self._pick_sets if self.world.has_combine else self._pick_pairs
         picked = pick(state, actions, entities, running)
         attempts_left = state.attempts_left - cast(picked.ends_attempt & running, "int64")
-        results = self._results(state, picked.pair, running, is_replaced=is_replaced)
-        over = running & (results.made_goal | (attempts_left == 0))
+        made_goal, by_plan, wide, count, shaped = self._results(
+            state, picked.pair, running, is_replaced=is_replaced
+        )
+        over = running & (made_goal | (attempts_left == 0))
         # A goal is also over: 2 - 1 is GOAL, 2 - 0 is OUT_OF_ATTEMPTS, 0 is IN_PROGRESS.
-        outcome = cast(over, "int8") * OUT_OF_ATTEMPTS - cast(results.made_goal, "int8")
-        reward = self._reward(results, picked)
+        outcome = cast(over, "int8") * OUT_OF_ATTEMPTS - cast(made_goal, "int8")
+        reward = cast(made_goal, self._reward_dtype)
+        if shaped is not None:
+            makes_nothing = picked.is_pair & (picked.pair == self.pairs.no_pair)
+            is_wrong = cast(makes_nothing, self._reward_dtype)
+            reward = reward + shaped - self._rewards.wrong_pair_penalty * is_wrong
         # Not by `_replace`, which takes as long as three operations on short arrays.
         after = State(
             self,
@@ -585,12 +573,12 @@ class BatchEngine:
             state.task,
             picked.selection,
             attempts_left,
-            results.wide,
-            results.count,
+            wide,
+            count,
             self._noted(state, picked),
             state.episode,
         )
-        step = Step(reward, over, outcome, results.by_plan, picked.illegal, state.task)
+        step = Step(reward, over, outcome, by_plan, picked.illegal, state.task)
         if self._reward_function is not None:
             reward = self._reward_function(state, after, step)
             if getattr(reward, "shape", None) != step.reward.shape:
@@ -642,7 +630,9 @@ class BatchEngine:
         illegal = is_empty & ~combines & running
         return _Picked(illegal, ends_attempt, is_complete, pair, selection, picks)
 
-    def _results(self, state: State, pair: Array, running: Array, *, is_replaced: bool) -> _Results:
+    def _results(
+        self, state: State, pair: Array, running: Array, *, is_replaced: bool
+    ) -> tuple[Array, Array, Array, Array, Array | None]:
         """Return what pairs make: goals, new tables and shaped rewards.
 
         Args:
@@ -651,6 +641,11 @@ class BatchEngine:
             running: whether the episode goes on, shape (N,), bool.
             is_replaced: whether the next call begins new episodes where these end, so that nobody
                 sees the tables of an end, and they need not be made.
+
+        Returns:
+            Whether the goal was made, and whether a plan's last pair made it, shape (N,), bool; the
+            tables after the action and the numbers of entities on them, as in :class:`State`; and
+            the shaped rewards for results, shape (N,), or None without shaped rewards.
         """
         made_goal = self.arrays.full((self.num_envs,), 0, "bool")
         by_plan = self.arrays.full((self.num_envs,), 0, "bool")
@@ -660,7 +655,7 @@ class BatchEngine:
         makes = (pair != self.pairs.no_pair) & running
         rows = self.arrays.rows(makes)
         if not len(rows):  # as after most actions
-            return _Results(made_goal, by_plan, state.wide, state.count, shaped)
+            return made_goal, by_plan, state.wide, state.count, shaped
         results = self.pairs.results[pair[rows]]
         is_goal = (results == state.goal[rows][:, None]).any(1) & makes[rows]
         final_pairs = self._final_pairs[state.task[rows]]
@@ -669,20 +664,11 @@ class BatchEngine:
         by_plan[rows] = is_goal & is_final
         attempts = _Made(rows, makes[rows], results, is_goal)
         if is_replaced and self._are_all_over(state, attempts):
-            return _Results(made_goal, by_plan, state.wide, state.count, shaped)
-        padded_table, count, news = self._put_on_table(state, attempts)
+            return made_goal, by_plan, state.wide, state.count, shaped
+        wide, count, news = self._put_on_table(state, attempts)
         if shaped is not None:
             shaped[rows] = self._shaping(state, attempts, news)
-        return _Results(made_goal, by_plan, padded_table, count, shaped)
-
-    def _reward(self, results: _Results, picked: _Picked) -> Array:
-        """Return the rewards, shape (N,)."""
-        reward = self.arrays.cast(results.made_goal, self._reward_dtype)
-        if results.shaped is None:
-            return reward
-        makes_nothing = picked.is_pair & (picked.pair == self.pairs.no_pair)
-        is_wrong = self.arrays.cast(makes_nothing, self._reward_dtype)
-        return reward + results.shaped - self._rewards.wrong_pair_penalty * is_wrong
+        return made_goal, by_plan, wide, count, shaped
 
     def _are_all_over(self, state: State, attempts: _Made) -> bool:
         """Return whether all episodes with results end, so that their tables are never seen.

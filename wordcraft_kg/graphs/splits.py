@@ -280,14 +280,6 @@ class Split:
         """
         return frozen(groups_of(self.graph, self.config.kind))
 
-    @cached_property
-    def train_groups(self) -> Ids:
-        """Each train recipe's group, as in :attr:`groups`, but found without held-out recipes.
-
-        Shape (number of train recipes,).
-        """
-        return frozen(groups_of(self.graph.part(self.is_in("train")), self.config.kind))
-
     @property
     def unit(self) -> str:
         """Name of several groups in a text: recipes, goals, slots or kinds."""

@@ -149,23 +149,6 @@ class TaskSet:
             final.append(sorted({pair_of[plan[-1]] for plan in plans}))
         return frozen(padded(final, -1))
 
-    def groups_in(self, split: Split) -> Ids:
-        """Return each task's resampling group, shape (N,).
-
-        It is the split's group of the recipe that makes the goal.
-
-        Tasks of a group were held out together and are alike, so an interval resamples whole
-        groups. If several plans end in different recipes, the first plan counts.
-
-        Args:
-            split: the split from which the tasks' part comes.
-
-        Raises:
-            SplitError: for a split by kind, if the graph has no kinds of recipes.
-        """
-        last_recipes = [plans[0][-1] for plans in self.plans]
-        return frozen(split.groups[last_recipes])
-
     def weights(self, weighting: TaskWeighting = "task") -> NDArray[np.float64]:
         """Return sampling probabilities, shape (N,), that sum to 1.
 

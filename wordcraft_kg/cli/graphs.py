@@ -33,7 +33,7 @@ from wordcraft_kg.cli.console import (
 )
 from wordcraft_kg.cli.failures import with_options
 from wordcraft_kg.cli.options import Base, Book, FetchableBook, FileOptions, Force, Graph
-from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.evaluation.books import (
     BookList,
@@ -377,11 +377,9 @@ def describe(
 def _describe_tasks(graph: str, options: ListedTaskOptions, output: Output) -> None:
     # Before the search for tasks, which takes long at great depths.
     whole("limit", options.limit, 0, MAX_SIZE)
-    whole("seed", options.seed, 0)
-    env = WordCraftEnv(
-        graph, part=options.part, depth=options.depth, num_distractors=options.distractors
-    )
-    view = view_tasks(env, options.limit, options.seed)
+    whole("seed", options.seed, 0, MAX_SIZE)
+    config = WordCraftConfig(options.part, options.depth, options.distractors)
+    view = view_tasks(World.open(graph, config), options.limit, options.seed)
     output.result(view, _text_of_tasks(view))
 
 

@@ -245,7 +245,6 @@ class BatchEngine:
         world: graph, tasks and settings.
         config: the world's settings.
         num_envs: N.
-        first_env: number of the first environment.
         num_slots: number of actions: size of a table, and the action *combine* if recipes have
             other sizes than two.
         nothing: the id for an empty slot or no selection, equal to the number of entities.
@@ -270,7 +269,6 @@ class BatchEngine:
         num_envs: int,
         *,
         device: str = "cpu",
-        first_env: int = 0,
         repeat: int = 0,
         reward_dtype: str = "float32",
     ):
@@ -281,8 +279,6 @@ class BatchEngine:
             num_envs: N, 1 or more.
             device: ``cpu``, or a torch device such as ``cuda``; ``torch:cpu`` runs the code for
                 devices on the CPU, for tests.
-            first_env: number of the first environment, which seeds the random draws: two engines
-                for environments 0 to 63 and 64 to 127 draw the same episodes as one engine for 128.
             repeat: number of different episodes of an environment, which then begin again with the
                 first: tables recur, and scores of tables can be kept. 0 if all differ.
             reward_dtype: data type of rewards, ``float32`` or ``float64``.
@@ -291,7 +287,6 @@ class BatchEngine:
             ConfigError: for a number out of range, or a device that is not available.
         """
         self.num_envs = whole("num_envs", num_envs, 1, MAX_SIZE)
-        self.first_env = whole("first_env", first_env, 0)
         self.world = world
         self.config = world.config
         self.nothing = world.nothing
@@ -332,7 +327,7 @@ class BatchEngine:
             ConfigError: for a negative seed, or if no distractors without a shortcut are found for
                 a task.
         """
-        keys = self._keys(seed)
+        keys = self._draws.env_keys(seed, 0, self.num_envs)
         episode = self.arrays.full((self.num_envs,), 0)
         ahead = Ahead(self._draws, keys, episode)
         begun = self._begun(*ahead.take(self.rows, episode))
@@ -392,7 +387,7 @@ class BatchEngine:
         number = self.arrays.full((self.num_envs,), episode)
         if isinstance(tasks, list | np.ndarray):
             tasks = self.arrays.array(np.array(tasks, dtype=np.int64))
-        return self._posed(self._keys(seed), number, tasks, tables)
+        return self._posed(self._draws.env_keys(seed, 0, self.num_envs), number, tasks, tables)
 
     def pose_next(self, state: State, tasks: Array, tables: Array | None = None) -> State:
         """Begin the next episode of each environment of a state with a given task.
@@ -414,9 +409,6 @@ class BatchEngine:
         begun = self._begun(tables, tasks)
         following = episode + 1
         return State._make((self, keys, Ahead(self._draws, keys, following), 0, *begun, following))
-
-    def _keys(self, seed: int) -> Array:
-        return self._draws.env_keys(seed, self.first_env, self.num_envs)
 
     def _begun(self, tables: Array, tasks: Array) -> tuple[Array, ...]:
         """Return the first states of R episodes, from tables (R, at most num_slots) and tasks.

@@ -295,14 +295,13 @@ def locate_book(name_or_path: str | Path) -> LocatedBook:
         raise RecipeFileError(
             f"'{name_or_path}' has no file, because it is made from '{original}'; give that book."
         )
-    # A file or graph folder of this path takes precedence over a book's name.
-    if path.is_file() or (path / "graph.json").is_file():
-        return LocatedBook(path)
     books = {book.name: book for book in known_books()}
-    # Any other folder gives way to a book of its name, such as a run folder named kitchen.
-    if path.exists() and str(name_or_path) not in books:
-        return LocatedBook(path)
     book = books.get(str(name_or_path))
+    # A file or graph folder of this path takes precedence over a book's name. Any other folder
+    # gives way to a book of its name, such as a run folder named kitchen.
+    is_book = path.is_file() or (path / "graph.json").is_file()
+    if is_book or (path.exists() and book is None):
+        return LocatedBook(path)
     if book is None:
         hint = nearest(str(name_or_path), books)
         raise RecipeFileError(

@@ -36,7 +36,13 @@ from wordcraft_kg.graphs.book_files import ReadOptions, book_json, recipe_table
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import Reading, RecipeBook, RecipeRows, label_fault
+from wordcraft_kg.graphs.recipes import (
+    MOST_INGREDIENTS,
+    Reading,
+    RecipeBook,
+    RecipeRows,
+    label_fault,
+)
 from wordcraft_kg.graphs.splits import Split, SplitConfig, default_config, make_split, read_split
 from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import triple_lines
@@ -50,6 +56,8 @@ GRAPH_FILE = 2**30
 """Most bytes of ``graph.json`` and of ``split.json``: seven million recipes take 400 MB."""
 TrainedOn = Literal["partial", "full", "none"]
 """A scorer's training recipes: train, all, or none (a scorer of entity names only)."""
+_Labels = Annotated[tuple[str, ...], msgspec.Meta(min_length=2, max_length=MOST_INGREDIENTS + 1)]
+"""The ingredients of a recipe, and its result."""
 
 
 class _Origin(msgspec.Struct, frozen=True):
@@ -84,7 +92,7 @@ class _GraphFile(msgspec.Struct):
     hash: Hash
     base: list[str]
     entities: list[str]
-    recipes: list[Annotated[tuple[str, ...], msgspec.Meta(min_length=2)]]
+    recipes: list[_Labels]
     kinds: list[str] = []
     quantities: list[str] = []
     source: _Origin = _Origin()

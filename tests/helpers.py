@@ -20,7 +20,7 @@ from wordcraft_kg.graphs import (
     open_book,
     write_graph_folder,
 )
-from wordcraft_kg.graphs.splits import Draw, Split
+from wordcraft_kg.graphs.splits import Split
 
 FOLDER = tempfile.TemporaryDirectory()
 
@@ -127,7 +127,7 @@ def with_other_results(opened: OpenedGraph, seed: int | None) -> OpenedGraph:
     part_of = dict(zip(map(tuple, recipes.tolist()), opened.split.parts.tolist(), strict=True))
     parts = [0 if row in train else part_of[row] for row in map(tuple, other.recipes.tolist())]
     assert (np.array(parts) == 0).sum() == is_train.sum()
-    split = Split(other, opened.split.config, Draw(np.array(parts, dtype=np.int8)))
+    split = Split(other, opened.split.config, np.array(parts, dtype=np.int8))
     return OpenedGraph(other, split, opened.source)
 
 

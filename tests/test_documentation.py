@@ -607,8 +607,8 @@ TEXTS = [
     ),
     (
         lambda: wk.open_graph("damaged"),
-        "ArtefactError: damaged/graph.json, line 1, column 2: not JSON (Expecting property name "
-        "enclosed in double quotes). The graph folder is damaged; build it again.",
+        "ArtefactError: damaged/graph.json is damaged: Input data was truncated. Make it again, or "
+        "restore a copy.",
     ),
     (
         lambda: export_graph(wk.open_graph("kitchen"), "owl", Path("graph.owl")),
@@ -618,7 +618,7 @@ TEXTS = [
         lambda: WordCraftEnv("kitchen", distractors=2),
         "UnknownSettingError: unexpected keyword argument 'distractors'; expected one of part, "
         "depth, num_distractors, max_attempts, reward, distractor_weighting, distractor_policy, "
-        "task_weighting, ambiguity, pays_held_out, illegal_action, num_tasks, task_seed. Did you mean "
+        "task_weighting, ambiguity, pays_held_out, num_tasks, task_seed. Did you mean "
         "'num_distractors', 'distractor_policy', 'distractor_weighting'?",
     ),
     (

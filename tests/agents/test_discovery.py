@@ -79,7 +79,7 @@ def test_nearest_words_tries_the_most_similar_untried_pair(kitchen, recipes_fold
 def test_a_player_in_the_environment_has_the_same_curve(kitchen, curves, name):
     """A player in the environment draws the same curve, is never illegal and repeats no pair."""
     player = everybody(kitchen)[name]
-    env = OpenEndedEnv(kitchen, max_attempts=ATTEMPTS, illegal_action="raise")
+    env = OpenEndedEnv(kitchen, max_attempts=ATTEMPTS)
     for run in range(3):
         _, info = env.reset()
         player.begin(kitchen.base_ids.tolist(), np.random.default_rng([0, run]))
@@ -90,6 +90,7 @@ def test_a_player_in_the_environment_has_the_same_curve(kitchen, curves, name):
             player.observe(pair, info["new_entities"])
             seen.append(info["known"])
             assert not info["repeated"]
+            assert not info["illegal_action"]
             assert set(player.known) == set(np.flatnonzero(observation["known"]).tolist())
         curve = curves[name][run]
         assert seen == curve.tolist()[: len(seen)]

@@ -393,7 +393,6 @@ BAD_VALUES = {
         *(f"--train-ratio={bad}" for bad in (0.0, 1.0, "nan", -0.5, "inf")),
         *("--base=", "--base=,", "--base= , ", "--seed=-1"),
     ],
-    "check-book kitchen": ["--limit=-1"],
     "describe kitchen --tasks": [
         "--depth=0",
         "--depth=50",

@@ -93,14 +93,6 @@ def test_every_step_equals_a_slow_reading_of_the_book(kitchen, pairs):
             break
 
 
-def test_an_unknown_entity_may_be_an_error_without_an_attempt():
-    """An entity that is not known may be an error that wastes no attempt."""
-    strict = make(illegal_action="raise")
-    with pytest.raises(ActionError, match="'blaze' is not known yet"):
-        strict.step([FIRE, BLAZE])
-    assert strict.step([FIRE, FIRE])[0]["attempts_left"] == 99
-
-
 @pytest.mark.parametrize(
     "action",
     [
@@ -115,10 +107,9 @@ def test_an_unknown_entity_may_be_an_error_without_an_attempt():
         [[0], [1, 2]],
     ],
 )
-@pytest.mark.parametrize("illegal_action", ["waste", "raise"])
-def test_an_action_outside_the_space_is_always_an_error(action, illegal_action):
+def test_an_action_outside_the_space_is_an_error(action):
     with pytest.raises(ActionError, match=f"two entity ids, 0 to {GRAPH.num_entities - 1}"):
-        make(illegal_action=illegal_action).step(action)
+        make().step(action)
 
 
 def test_the_episode_ends_with_the_last_attempt_and_takes_no_further_step():
@@ -166,7 +157,6 @@ def test_another_base_may_be_given_by_label_or_id(base):
         ({"base": [99]}, "`base`: no entity id 99"),
         ({"base": ["moon"]}, "`base` moon: nothing new can be made"),
         ({"base": []}, r"`base` \(empty\): nothing new can be made"),
-        ({"illegal_action": "ignore"}, "`illegal_action` 'ignore'"),
         ({"render_mode": "text"}, "`render_mode` 'text'"),
     ],
 )

@@ -61,40 +61,34 @@ def test_the_vector_environment_stays_within_its_spaces():
         np.testing.assert_array_equal(value, kept[key])
 
 
-def test_without_autoreset_the_same_episodes_begin():
-    """Without autoreset the caller sees the same ends and begins the same episodes."""
-    same, other = vector(), vector(autoreset_mode="Disabled")
-    assert (same.reset(seed=3)[0]["table"] == other.reset(seed=3)[0]["table"]).all()
+def test_what_a_step_ends_is_in_its_final_infos():
+    """Ends are those of environments alone, which begin the same episodes."""
+    envs = vector(3)
+    alone = [gym.make("WordCraft-v0", **SETTINGS) for _ in range(3)]
+    envs.reset(seed=[4, 5, 6])
+    for seed, env in enumerate(alone, start=4):
+        env.reset(seed=seed)
     rng = np.random.default_rng(0)
     ends = 0
     for _ in range(60):
-        actions = rng.integers(same.single_action_space.n, size=5)
-        seen, rewards, over, _, infos = same.step(actions)
-        shown, paid, ended, _, told = other.step(actions)
-        np.testing.assert_array_equal(over, ended)
-        np.testing.assert_array_equal(rewards, paid)
-        assert (shown["attempts_left"][ended] == 0).all()
-        if ended.any():
-            with pytest.raises(EpisodeError, match="has ended"):
-                other.step(actions)
-            np.testing.assert_array_equal(infos["_final_obs"], ended)
-            np.testing.assert_array_equal(infos["_final_info"], ended)
-            for env in np.flatnonzero(ended):
+        actions = rng.integers(envs.single_action_space.n, size=3)
+        seen, rewards, over, _, infos = envs.step(actions)
+        for i, env in enumerate(alone):
+            shown, reward, ended, _, info = env.step(actions[i])
+            assert (ended, reward) == (over[i], rewards[i])
+            if ended:
                 for name, values in shown.items():
-                    np.testing.assert_array_equal(infos["final_obs"][env][name], values[env])
-                assert same.single_observation_space.contains(infos["final_obs"][env])
-                for name, values in told.items():
-                    assert infos["final_info"][name][env] == values[env]
-            assert all(infos["final_obs"][env] is None for env in np.flatnonzero(~ended))
-            shown, began = other.reset(options={"reset_mask": ended})
-            told = {name: np.where(ended, values, told[name]) for name, values in began.items()}
-            ends += int(ended.sum())
-        else:
-            assert "final_obs" not in infos
-        for name, values in told.items():
-            np.testing.assert_array_equal(infos[name], values)
-        for name, values in seen.items():
-            np.testing.assert_array_equal(values, shown[name])
+                    np.testing.assert_array_equal(infos["final_obs"][i][name], values)
+                assert envs.single_observation_space.contains(infos["final_obs"][i])
+                assert infos["final_info"]["outcome"][i] == info["outcome"]
+                shown, info = env.reset()
+                ends += 1
+            elif over.any():
+                assert infos["final_obs"][i] is None
+                assert not infos["_final_info"][i]
+            assert infos["task"][i] == info["task"]
+            for name, values in shown.items():
+                np.testing.assert_array_equal(seen[name][i], values)
     assert ends > 50
 
 
@@ -129,8 +123,7 @@ def test_ends_of_episodes_have_gymnasiums_form():
     assert any("final_info" in info for infos in listed for info in infos)
 
 
-def test_a_seed_of_none_continues_and_a_mask_takes_its_seeds():
-    """A seed of none in a list continues and a mask takes the seeds it marks."""
+def test_a_seed_of_none_in_a_list_continues():
     one, other = vector(3), vector(3)
     for envs in (one, other):
         envs.reset(seed=2)
@@ -140,32 +133,6 @@ def test_a_seed_of_none_continues_and_a_mask_takes_its_seeds():
     for name, values in seeded.items():
         np.testing.assert_array_equal(values[[0, 2]], continued[name][[0, 2]])
         np.testing.assert_array_equal(values[1], first[name][0])
-    envs = vector(3, autoreset_mode="Disabled")
-    before, _ = envs.reset(seed=2)
-    mask = np.array([False, True, False])
-    after, _ = envs.reset(seed=np.array([9, 5, 9]), options={"reset_mask": mask})
-    for name, values in after.items():
-        np.testing.assert_array_equal(values[[0, 2]], before[name][[0, 2]])
-        np.testing.assert_array_equal(values[1], first[name][0])
-
-
-def test_with_next_step_an_ended_environment_ignores_the_action_and_begins():
-    envs, alone = vector(autoreset_mode="NextStep"), vector(1, autoreset_mode="NextStep")
-    seen, _ = envs.reset(seed=3)
-    shown, _ = alone.reset(seed=3)
-    before, rng = np.zeros(5, dtype=bool), np.random.default_rng(0)
-    for _ in range(60):
-        actions = rng.integers(envs.single_action_space.n, size=5)
-        seen, rewards, over, _, infos = envs.step(actions)
-        shown, paid, ended, _, told = alone.step(actions[:1])
-        assert (seen["attempts_left"][before] == 2).all()
-        assert (seen["selection"][before] == envs.world.nothing).all()
-        assert not rewards[before].any()
-        assert not over[before].any()
-        for name, values in shown.items():  # an environment does not depend on the others
-            np.testing.assert_array_equal(values[0], seen[name][0])
-        assert (paid[0], ended[0], told["task"][0]) == (rewards[0], over[0], infos["task"][0])
-        before = over
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ from wordcraft_kg.graphs import (
     open_graph,
     write_graph_folder,
 )
-from wordcraft_kg.graphs.splits import Draw, SplitKind, groups_of, read_published_split, read_split
+from wordcraft_kg.graphs.splits import SplitKind, groups_of, read_published_split, read_split
 
 HELD_OUT_KINDS = [
     kind for kind in SPLITS if kind not in ("none", "by-kind")
@@ -300,7 +300,7 @@ def test_the_hash_of_a_split_by_kind_covers_the_kinds():
     graphs = [open_graph("everyday").graph for _ in range(2)]
     graphs[1].kinds = graphs[1].kinds[::-1]
     parts = np.zeros(graphs[0].num_recipes, dtype=np.int8)
-    hashes = {Split(graph, SplitConfig("by-kind"), Draw(parts)).hash for graph in graphs}
+    hashes = {Split(graph, SplitConfig("by-kind"), parts).hash for graph in graphs}
     assert len(hashes) == 2
 
 
@@ -438,7 +438,7 @@ def test_the_audit_counts_sets_inside_others_and_pairs_that_train_knows():
     parts = np.array(
         [2 if len(recipe) > 3 else 0 for recipe in graph.recipe_labels()], dtype=np.int8
     )
-    sets = audit(graph, Split(graph, split.config, Draw(parts))).sets
+    sets = audit(graph, Split(graph, split.config, parts)).sets
     assert sets.recipes_by_number_of_ingredients == {"1": 1, "2": 3, "3": 1, "5": 1}
     # {a, b} in {a, b, c}, and both in {a, a, b, c, d}.
     assert sets.inside_another_set == 2

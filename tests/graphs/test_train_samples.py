@@ -37,15 +37,15 @@ def split_of(kind="by-recipe"):
 def test_everything_as_it_is_is_the_train_part():
     split = split_of()
     train_sample = draw_train_sample(split, seed=7)
-    np.testing.assert_array_equal(train_sample.recipes, split.recipes("train"))
+    np.testing.assert_array_equal(train_sample.sets, split.recipes("train"))
     np.testing.assert_array_equal(train_sample.triples, split.partial)
     assert not train_sample.is_wrong.any()
     assert train_sample.hash == TrainSample.of(split.graph, split.is_in("train")).hash
     known = "72814deb4a209acd106e701d5f964c98eb7136c8c2e2cdd55fae8ac618fe044b"
     assert draw_train_sample(split, 0.5, 0.2).hash == known
-    wrong = draw_train_sample(split, 1, 1.0).recipes
+    wrong = draw_train_sample(split, 1, 1.0).sets
     before, after = (
-        np.bincount(recipes[:, 2], minlength=80) for recipes in (train_sample.recipes, wrong)
+        np.bincount(recipes[:, 2], minlength=80) for recipes in (train_sample.sets, wrong)
     )
     assert np.corrcoef(before, after)[0, 1] > 0.5
     assert not np.any(after[before == 0])
@@ -92,7 +92,7 @@ def test_a_wrong_recipe_keeps_its_pair_and_is_no_train_recipe(kind, label_noise)
     parts = triples[triples[:, 1] == COMPONENT_OF]
     assert len(parts)
     assert not is_in(parts, split.partial, graph.num_entities).any()
-    assert len(np.unique(train_sample.recipes, axis=0)) == len(train_sample.recipes)
+    assert len(np.unique(train_sample.sets, axis=0)) == len(train_sample.sets)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -138,7 +138,7 @@ def test_folds_are_those_of_all_train_recipes_whatever_the_sample(train_fraction
         )
         # A fold and the model without it share nothing, and together they are the train sample.
         own = {tuple(row) for row in with_train_sample.recipes_of(fold).tolist()}
-        assert own | set(expected) == {tuple(row) for row in train_sample.recipes.tolist()}
+        assert own | set(expected) == {tuple(row) for row in train_sample.sets.tolist()}
         assert not own & set(expected)
 
 

@@ -23,7 +23,6 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.wrappers import KGScoreObservation
 from wordcraft_kg.graphs import OpenedGraph, Split, draw_train_sample, make_folds
-from wordcraft_kg.graphs.splits import Draw
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
@@ -307,7 +306,7 @@ def test_first_pairs_do_not_depend_on_unseen_recipes_or_plans(opened, scorer):
     )
     worlds = [
         World(OpenedGraph(one, part, ""), WordCraftConfig(part="test", depth=2, num_distractors=4))
-        for one, part in ((graph, split), (other, Split(other, SplitConfig(), Draw(parts, 0))))
+        for one, part in ((graph, split), (other, Split(other, SplitConfig(), parts)))
     ]
     (source,) = make_sources(["p"], scorer)
     tasks = np.arange(0, len(worlds[0].tasks), 4)

@@ -33,7 +33,7 @@ from wordcraft_kg.cli.console import (
 )
 from wordcraft_kg.cli.failures import with_options
 from wordcraft_kg.cli.options import Base, Book, FetchableBook, FileOptions, Force, Graph
-from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.evaluation.books import (
     BookList,
@@ -94,6 +94,7 @@ EXAMPLES = {
 }
 _KINDS = ", ".join(f"{name} ({kind.about})" for name, kind in SPLITS.items())
 """The kinds of splits, for the help."""
+_MOST_FINDINGS = 10  # of a kind, in the text of check-book
 
 
 def books(*, fetch: FetchableBook = None, output: Output = Output()) -> None:
@@ -149,7 +150,6 @@ def check_book(
     book: Book,
     *,
     base: Base = None,
-    limit: int = 10,
     fix: Path | None = None,
     force: Force = False,
     file: FileOptions = FileOptions(),
@@ -157,7 +157,8 @@ def check_book(
 ) -> int:
     """Check a recipe book.
 
-    List problems and notes with line numbers, and count recipes and entities.
+    List problems and notes with line numbers, the first ten of each kind, and count recipes and
+    entities. The JSON lists all findings.
 
     The file itself is not changed. The exit code is 1 if there are problems; notes are no
     failures.
@@ -165,17 +166,15 @@ def check_book(
     Args:
         book: recipe book: a table, lines a + b = c, JSON, a save of Infinite Craft, a folder of
             Minecraft recipes, also in gzip or zip; or a known book's name.
-        limit: findings to show for each kind; the rest are counted. The JSON lists all findings.
         fix: write the mended book to this .csv, .tsv or .json file: readable recipes, each once,
             without results among their ingredients, in UTF-8 and the file's order, tables with
             further columns; what is left out is printed.
     """
-    whole("limit", limit, 0)
     if fix is not None:
         check_output_file(fix, force=force, setting="fix")
     labels = split_labels(base) if base else None
     view = view_check(book, labels, fix=fix, **file.for_reading())
-    output.result(view, _text_of_check(view, limit))
+    output.result(view, _text_of_check(view))
     return 0 if view.passed else 1
 
 
@@ -200,7 +199,7 @@ def _left_out(view: CheckedBook) -> Iterator[str]:
         yield f"left out: the columns {', '.join(view.columns_left_out)}"
 
 
-def _text_of_check(view: CheckedBook, limit: int) -> Iterator[str]:
+def _text_of_check(view: CheckedBook) -> Iterator[str]:
     if view.reading is not None:
         yield view.reading.line()
     # The limit is one of each kind, or a thousand repetitions would hide a single fault.
@@ -208,12 +207,12 @@ def _text_of_check(view: CheckedBook, limit: int) -> Iterator[str]:
     for finding in view.findings:
         kind = f"{finding.severity} [{finding.kind}]"
         counts[kind] += 1
-        if counts[kind] <= limit:
+        if counts[kind] <= _MOST_FINDINGS:
             yield f"{kind} {_where(finding)}{with_options(finding.message)}"
     # Kinds that were cut say so after all findings, where the eye ends.
     for kind, number in counts.items():
-        if number > limit:
-            yield f"{kind} and {number - limit:,} more; a larger --limit shows them"
+        if number > _MOST_FINDINGS:
+            yield f"{kind} and {number - _MOST_FINDINGS:,} more; --json lists them"
 
     figures = as_values(view.figures)
     # The base is what a user has to see as a whole: a slip in a label makes a base entity.
@@ -335,11 +334,9 @@ def describe(
             raise ConfigError("`entity` and `tasks` show different things; give one of them.")
         # Before the search for tasks, which takes long at great depths.
         whole("limit", options.limit, 0, MAX_SIZE)
-        whole("seed", options.seed, 0)
-        env = WordCraftEnv(
-            graph, part=options.part, depth=options.depth, num_distractors=options.distractors
-        )
-        listing = view_tasks(env, options.limit, options.seed)
+        whole("seed", options.seed, 0, MAX_SIZE)
+        config = WordCraftConfig(options.part, options.depth, options.distractors)
+        listing = view_tasks(World.open(graph, config), options.limit, options.seed)
         output.result(listing, _text_of_tasks(listing))
         return
     refuse_given(options, "tasks, with --tasks")

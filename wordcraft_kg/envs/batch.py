@@ -236,24 +236,6 @@ class _Made(NamedTuple):
     is_goal: Array
 
 
-class _Results(NamedTuple):
-    """What the actions of N environments make.
-
-    Attributes:
-        made_goal: shape (N,), bool: whether the goal was made.
-        by_plan: shape (N,), bool: whether a plan's last pair made it.
-        wide: the tables after the actions, as in :class:`State`.
-        count: shape (N,): number of entities on these tables.
-        shaped: shape (N,): shaped rewards for results; None without shaped rewards.
-    """
-
-    made_goal: Array
-    by_plan: Array
-    wide: Array
-    count: Array  # type: ignore[assignment] # hides the method of tuples
-    shaped: Array | None
-
-
 class BatchEngine:
     """N crafting environments that step together, as pure functions on a :class:`State`.
 
@@ -263,7 +245,6 @@ class BatchEngine:
         world: graph, tasks and settings.
         config: the world's settings.
         num_envs: N.
-        first_env: number of the first environment.
         num_slots: number of actions: size of a table, and the action *combine* if recipes have
             other sizes than two.
         nothing: the id for an empty slot or no selection, equal to the number of entities.
@@ -288,7 +269,6 @@ class BatchEngine:
         num_envs: int,
         *,
         device: str = "cpu",
-        first_env: int = 0,
         repeat: int = 0,
         reward_dtype: str = "float32",
     ):
@@ -299,8 +279,6 @@ class BatchEngine:
             num_envs: N, 1 or more.
             device: ``cpu``, or a torch device such as ``cuda``; ``torch:cpu`` runs the code for
                 devices on the CPU, for tests.
-            first_env: number of the first environment, which seeds the random draws: two engines
-                for environments 0 to 63 and 64 to 127 draw the same episodes as one engine for 128.
             repeat: number of different episodes of an environment, which then begin again with the
                 first: tables recur, and scores of tables can be kept. 0 if all differ.
             reward_dtype: data type of rewards, ``float32`` or ``float64``.
@@ -309,7 +287,6 @@ class BatchEngine:
             ConfigError: for a number out of range, or a device that is not available.
         """
         self.num_envs = whole("num_envs", num_envs, 1, MAX_SIZE)
-        self.first_env = whole("first_env", first_env, 0)
         self.world = world
         self.config = world.config
         self.nothing = world.nothing
@@ -350,7 +327,7 @@ class BatchEngine:
             ConfigError: for a negative seed, or if no distractors without a shortcut are found for
                 a task.
         """
-        keys = self._keys(seed)
+        keys = self._draws.env_keys(seed, 0, self.num_envs)
         episode = self.arrays.full((self.num_envs,), 0)
         ahead = Ahead(self._draws, keys, episode)
         begun = self._begun(*ahead.take(self.rows, episode))
@@ -361,7 +338,6 @@ class BatchEngine:
         self,
         state: State,
         seeds: Sequence[int | None],
-        where: Array | None = None,
     ) -> State:
         """Give environments seeds of their own, for the episodes that begin next.
 
@@ -371,7 +347,6 @@ class BatchEngine:
         Args:
             state: state of this engine, which stays unchanged.
             seeds: N seeds, 0 or more; None keeps an environment's episodes.
-            where: shape (N,), bool: environments whose seeds are taken; all by default.
 
         Raises:
             ConfigError: for a negative seed.
@@ -379,7 +354,7 @@ class BatchEngine:
         keys = self.arrays.copy(state.keys)
         episode = self.arrays.copy(state.episode)
         for env, seed in enumerate(seeds):
-            if seed is not None and (where is None or where[env]):
+            if seed is not None:
                 keys[env] = self._draws.env_keys(seed, 0, 1)[0]
                 episode[env] = 0
         ahead = Ahead(self._draws, keys, episode)
@@ -409,29 +384,31 @@ class BatchEngine:
             ConfigError: for a negative seed, or if no distractors without a shortcut are found for
                 a task.
         """
-        keys = self._keys(seed)
         number = self.arrays.full((self.num_envs,), episode)
         if isinstance(tasks, list | np.ndarray):
             tasks = self.arrays.array(np.array(tasks, dtype=np.int64))
-        if tables is None:
-            tables = self._draws.tables(self._draws.keys(keys, number), tasks)
-        begun = self._begun(tables, tasks)
-        following = number + 1
-        return State._make((self, keys, Ahead(self._draws, keys, following), 0, *begun, following))
+        return self._posed(self._draws.env_keys(seed, 0, self.num_envs), number, tasks, tables)
 
-    def posed(self, state: State, tasks: Array, tables: Array) -> State:
-        """Begin given episodes in all environments of a state, whose later episodes stay.
+    def pose_next(self, state: State, tasks: Array, tables: Array | None = None) -> State:
+        """Begin the next episode of each environment of a state with a given task.
 
         Args:
             state: state of this engine, which stays unchanged.
             tasks: shape (N,): task indices.
-            tables: shape (N, at most num_slots): ids in slot order, padded with nothing.
-        """
-        begun = self._begun(tables, tasks)
-        return State._make((self, state.keys, state.ahead, state.age, *begun, state.episode))
+            tables: as for :meth:`pose`.
 
-    def _keys(self, seed: int) -> Array:
-        return self._draws.env_keys(seed, self.first_env, self.num_envs)
+        Raises:
+            ConfigError: if no distractors without a shortcut are found for a task.
+        """
+        return self._posed(state.keys, state.episode, tasks, tables)
+
+    def _posed(self, keys: Array, episode: Array, tasks: Array, tables: Array | None) -> State:
+        """Begin episodes of these keys and numbers, both shape (N,)."""
+        if tables is None:
+            tables = self._draws.tables(self._draws.keys(keys, episode), tasks)
+        begun = self._begun(tables, tasks)
+        following = episode + 1
+        return State._make((self, keys, Ahead(self._draws, keys, following), 0, *begun, following))
 
     def _begun(self, tables: Array, tasks: Array) -> tuple[Array, ...]:
         """Return the first states of R episodes, from tables (R, at most num_slots) and tasks.
@@ -521,8 +498,7 @@ class BatchEngine:
             The next state, and the outcome of the actions in the episodes that they belong to.
 
         Raises:
-            ActionError: for a number that is not a slot, or for an empty slot if
-                ``illegal_action`` is ``raise``.
+            ActionError: for a number that is not a slot.
             ConfigError: if no distractors without a shortcut are found for a task.
         """
         after, result = self.step_env(state, self._checked(actions), is_replaced=True)
@@ -560,9 +536,6 @@ class BatchEngine:
         Returns:
             The state after the actions, and their outcome. Attempts stay as they are when a goal
             ends an episode.
-
-        Raises:
-            ActionError: for an empty slot if ``illegal_action`` is ``raise``.
         """
         cast = self.arrays.cast
         # One index into the flat tables: faster than an index along two axes.
@@ -570,16 +543,18 @@ class BatchEngine:
         running = state.attempts_left > 0
         pick = self._pick_sets if self.world.has_combine else self._pick_pairs
         picked = pick(state, actions, entities, running)
-        if self.config.illegal_action == "raise" and bool(picked.illegal.any()):
-            env = int(picked.illegal.nonzero()[0][0])
-            action = f"action {int(actions[env])} of environment {env}"
-            raise empty_slot(action, int(state.count[env]) - 1)
         attempts_left = state.attempts_left - cast(picked.ends_attempt & running, "int64")
-        results = self._results(state, picked.pair, running, is_replaced=is_replaced)
-        over = running & (results.made_goal | (attempts_left == 0))
+        made_goal, by_plan, wide, count, shaped = self._results(
+            state, picked.pair, running, is_replaced=is_replaced
+        )
+        over = running & (made_goal | (attempts_left == 0))
         # A goal is also over: 2 - 1 is GOAL, 2 - 0 is OUT_OF_ATTEMPTS, 0 is IN_PROGRESS.
-        outcome = cast(over, "int8") * OUT_OF_ATTEMPTS - cast(results.made_goal, "int8")
-        reward = self._reward(results, picked)
+        outcome = cast(over, "int8") * OUT_OF_ATTEMPTS - cast(made_goal, "int8")
+        reward = cast(made_goal, self._reward_dtype)
+        if shaped is not None:
+            makes_nothing = picked.is_pair & (picked.pair == self.pairs.no_pair)
+            is_wrong = cast(makes_nothing, self._reward_dtype)
+            reward = reward + shaped - self._rewards.wrong_pair_penalty * is_wrong
         # Not by `_replace`, which takes as long as three operations on short arrays.
         after = State(
             self,
@@ -590,12 +565,12 @@ class BatchEngine:
             state.task,
             picked.selection,
             attempts_left,
-            results.wide,
-            results.count,
+            wide,
+            count,
             self._noted(state, picked),
             state.episode,
         )
-        step = Step(reward, over, outcome, results.by_plan, picked.illegal, state.task)
+        step = Step(reward, over, outcome, by_plan, picked.illegal, state.task)
         if self._reward_function is not None:
             reward = self._reward_function(state, after, step)
             if getattr(reward, "shape", None) != step.reward.shape:
@@ -647,7 +622,9 @@ class BatchEngine:
         illegal = is_empty & ~combines & running
         return _Picked(illegal, ends_attempt, is_complete, pair, selection, picks)
 
-    def _results(self, state: State, pair: Array, running: Array, *, is_replaced: bool) -> _Results:
+    def _results(
+        self, state: State, pair: Array, running: Array, *, is_replaced: bool
+    ) -> tuple[Array, Array, Array, Array, Array | None]:
         """Return what pairs make: goals, new tables and shaped rewards.
 
         Args:
@@ -656,6 +633,11 @@ class BatchEngine:
             running: whether the episode goes on, shape (N,), bool.
             is_replaced: whether the next call begins new episodes where these end, so that nobody
                 sees the tables of an end, and they need not be made.
+
+        Returns:
+            Whether the goal was made, and whether a plan's last pair made it, shape (N,), bool; the
+            tables after the action and the numbers of entities on them, as in :class:`State`; and
+            the shaped rewards for results, shape (N,), or None without shaped rewards.
         """
         made_goal = self.arrays.full((self.num_envs,), 0, "bool")
         by_plan = self.arrays.full((self.num_envs,), 0, "bool")
@@ -665,7 +647,7 @@ class BatchEngine:
         makes = (pair != self.pairs.no_pair) & running
         rows = self.arrays.rows(makes)
         if not len(rows):  # as after most actions
-            return _Results(made_goal, by_plan, state.wide, state.count, shaped)
+            return made_goal, by_plan, state.wide, state.count, shaped
         results = self.pairs.results[pair[rows]]
         is_goal = (results == state.goal[rows][:, None]).any(1) & makes[rows]
         final_pairs = self._final_pairs[state.task[rows]]
@@ -674,20 +656,11 @@ class BatchEngine:
         by_plan[rows] = is_goal & is_final
         attempts = _Made(rows, makes[rows], results, is_goal)
         if is_replaced and self._are_all_over(state, attempts):
-            return _Results(made_goal, by_plan, state.wide, state.count, shaped)
-        padded_table, count, news = self._put_on_table(state, attempts)
+            return made_goal, by_plan, state.wide, state.count, shaped
+        wide, count, news = self._put_on_table(state, attempts)
         if shaped is not None:
             shaped[rows] = self._shaping(state, attempts, news)
-        return _Results(made_goal, by_plan, padded_table, count, shaped)
-
-    def _reward(self, results: _Results, picked: _Picked) -> Array:
-        """Return the rewards, shape (N,)."""
-        reward = self.arrays.cast(results.made_goal, self._reward_dtype)
-        if results.shaped is None:
-            return reward
-        makes_nothing = picked.is_pair & (picked.pair == self.pairs.no_pair)
-        is_wrong = self.arrays.cast(makes_nothing, self._reward_dtype)
-        return reward + results.shaped - self._rewards.wrong_pair_penalty * is_wrong
+        return made_goal, by_plan, wide, count, shaped
 
     def _are_all_over(self, state: State, attempts: _Made) -> bool:
         """Return whether all episodes with results end, so that their tables are never seen.
@@ -783,13 +756,3 @@ class BatchEngine:
                 f"expected 0 to {self.num_slots - 1}."
             )
         return actions
-
-
-def empty_slot(action: str, last: int) -> ActionError:
-    """Return the error for the choice of an empty slot.
-
-    Args:
-        action: names the action.
-        last: last slot with an entity.
-    """
-    return ActionError(f"{action}: the slot is empty; slots 0 to {last} hold entities.")

@@ -26,8 +26,9 @@ from wordcraft_kg.graphs.arrays import Ids
 _AHEAD = 16
 _AHEAD_OF_MANY = 8
 _MANY = 1_024
-# Tasks with sets differ in size, so that most tables take more candidates, and more calls.
-_AHEAD_OF_SETS = 4
+# Times as many where a table takes more calls: tasks with sets differ in size, so that most tables
+# need more candidates, and an environment alone shares its calls with none.
+_MORE = 4
 # Tables drawn at a time on the CPU, so that the arrays stay in the processor's cache.
 _CHUNK = 8_192
 _LAST_31_BITS = 0x7FFFFFFF
@@ -366,8 +367,8 @@ class Ahead:
         self.draws = draws
         self.keys = keys
         self.size = _AHEAD if count <= _MANY else _AHEAD_OF_MANY
-        if draws.world.has_combine and not arrays.on_device:
-            self.size *= _AHEAD_OF_SETS
+        if not arrays.on_device and (draws.world.has_combine or count == 1):
+            self.size *= _MORE
         self._tables = arrays.full((count, self.size, draws.width), 0, "int32")
         self._tasks = arrays.full((count, self.size), 0, "int32")
         # Number of the first cached episode; so low at first that nothing counts as cached.

@@ -1,7 +1,7 @@
 """The open-ended environment: discover entities, with limited attempts and without a goal."""
 
 from collections.abc import Iterable
-from typing import Any, get_args
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -14,13 +14,11 @@ from wordcraft_kg.base import (
     ConfigError,
     EpisodeError,
     UnknownEntityError,
-    one_of,
     quoted,
     whole,
 )
 from wordcraft_kg.envs.world_config import (
     METADATA,
-    IllegalAction,
     Info,
     Observation,
     check_mode,
@@ -107,9 +105,8 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
 
     ## Action space
     ``MultiDiscrete([E, E])``: the ids of the two entities to combine, in any order, possibly equal.
-    An unknown entity wastes the attempt and sets ``info["illegal_action"]``; with
-    ``illegal_action="raise"`` it raises an error. An action outside the space always raises an
-    error. ``action_masks`` returns the known entities for both choices.
+    An unknown entity wastes the attempt and sets ``info["illegal_action"]``. An action outside the
+    space raises an error. ``action_masks`` returns the known entities for both choices.
 
     ## Observation space
     ``Dict`` of masks by entity id, fresh arrays each time.
@@ -137,7 +134,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
     ## Arguments
     ``graph`` is a graph folder, a book's name or file, a RecipeGraph or an OpenedGraph;
     ``max_attempts`` is the number of attempts in an episode; ``base`` holds ids or labels known at
-    the start, by default the graph's base; ``illegal_action`` is ``waste`` or ``raise``.
+    the start, by default the graph's base.
 
     ## Version history
     v0: first version.
@@ -151,7 +148,6 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         *,
         max_attempts: int = 100,
         base: Iterable[Entity] | None = None,
-        illegal_action: IllegalAction = "waste",
         render_mode: str | None = None,
     ):
         """Open the graph; see "Arguments".
@@ -163,11 +159,9 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
             ArtefactError: if ``graph`` is a folder without a graph, or a damaged one.
         """
         check_mode(render_mode)
-        one_of("illegal_action", illegal_action, get_args(IllegalAction))
         self.render_mode = render_mode
         self.graph = graph if isinstance(graph, RecipeGraph) else open_graph(graph).graph
         self.max_attempts = whole("max_attempts", max_attempts, 1, MAX_SIZE)
-        self.illegal_action = illegal_action
         self.discovery = Discovery(self.graph, base)
         size = self.graph.num_entities
         self.action_space = spaces.MultiDiscrete([size, size])
@@ -206,8 +200,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
             Observation, number of new entities, whether the episode is over, False, and info.
 
         Raises:
-            ActionError: for an action outside the space, or an unknown entity if
-                ``illegal_action`` is ``raise``.
+            ActionError: for an action outside the space.
             EpisodeError: before :meth:`reset`, or after the end of the episode.
         """
         if self._outcome != "in_progress":
@@ -218,8 +211,6 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         first, second = self._checked_action(action)
         names = self.graph.entities
         unknown = [entity for entity in (first, second) if entity not in self.discovery.known]
-        if unknown and self.illegal_action == "raise":
-            raise ActionError(f"action {[first, second]}: '{names[unknown[0]]}' is not known yet.")
         new: tuple[int, ...] = ()
         repeated = False
         if not unknown:
@@ -248,11 +239,10 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         Raises:
             EpisodeError: before :meth:`reset`.
         """
-        if self._outcome == "not_begun" and self.render_mode is not None:
+        if self.render_mode is None:
+            return None
+        if self._outcome == "not_begun":
             raise EpisodeError("call reset() before render().")
-        return None if self.render_mode is None else self._words()
-
-    def _words(self) -> str:
         known_ids = self.discovery.known
         return (
             f"known: {len(known_ids)} of {self.discovery.reachable}   "

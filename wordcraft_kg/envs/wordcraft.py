@@ -1,12 +1,10 @@
 """The crafting environments for Gymnasium: the batched engine with one environment, or with many.
 
 Read :class:`WordCraftEnv`'s docstring for the rules; ``batch`` computes them, and a slow reference
-in the tests checks it. This module draws the starts of episodes from Gymnasium's generator.
+in the tests checks it.
 """
 
 import operator
-from bisect import bisect_right
-from itertools import accumulate
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -17,7 +15,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from wordcraft_kg.base import ActionError, ConfigError, EpisodeError, whole
-from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine, State, Step, empty_slot
+from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine, State
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import (
     METADATA,
@@ -25,12 +23,18 @@ from wordcraft_kg.envs.world_config import (
     Observation as Observation,
     check_mode,
 )
-from wordcraft_kg.graphs import GraphLike, Ids
+from wordcraft_kg.graphs import GraphLike
 from wordcraft_kg.graphs.tasks import CraftingTask
 
 Arrays = dict[str, NDArray[Any]]
 _NAMES = np.array(OUTCOMES, dtype=object)
-_DRAWN_AT_ONCE = 1_024  # uniform numbers taken from the generator in one call
+
+
+def _unbegun(engine: BatchEngine) -> State:
+    """Return a state without episodes, from which those of a seed of the system follow."""
+    seed = int(np.random.SeedSequence().generate_state(1)[0])
+    nothing = np.full((engine.num_envs, 1), engine.nothing)
+    return engine.pose(np.zeros(engine.num_envs, dtype=np.int64), seed=seed, tables=nothing)
 
 
 def observation_space(world: World) -> spaces.Dict:
@@ -51,10 +55,10 @@ def observation_space(world: World) -> spaces.Dict:
 
 
 class EnvState(NamedTuple):
-    """The state of an episode, in ids.
+    """The state of an episode, in ids, without meaning before the first episode.
 
     Attributes:
-        task: index into the world's tasks, -1 before the first episode.
+        task: index into the world's tasks.
         goal: entity to make.
         table: entities in the slots, without empty slots.
         selection: selected entities in order, those of the current attempt.
@@ -86,9 +90,8 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     ## Action space
     ``Discrete(num_slots)``: the slot to choose; a slot may be chosen twice. Choosing an empty slot
     wastes the attempt: nothing is made, the selection is cleared, ``info["illegal_action"]`` is
-    set; with ``illegal_action="raise"`` an error is raised. A number outside the space always
-    raises an error. *Combine*, if there, is the last action, whose slot holds no entity; it is
-    masked, and as illegal as an empty slot, until an entity is chosen.
+    set. A number outside the space raises an error. *Combine*, if there, is the last action, whose
+    slot holds no entity; it is masked, and as illegal as an empty slot, until an entity is chosen.
 
     ## Observation space
     ``Dict`` of ids and masks, fresh arrays each time; ``num_entities`` is the id of nothing.
@@ -162,29 +165,9 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         self.action_space = spaces.Discrete(self.num_slots)
         self.observation_space = observation_space(self.world)
         self.engine = BatchEngine(self.world, 1, reward_dtype="float64")
-        self._nothing = self.world.nothing
         # The engine takes an array of actions, here of length 1.
         self._actions = np.arange(self.num_slots)[:, None]
-        # Plain lists, because single look-ups in arrays are slow.
-        self._weight_ends = list(accumulate(self.world.distractor_weights.tolist()))
-        self._task_ends = list(accumulate(self.tasks.weights(self.config.task_weighting).tolist()))
-        self._uniform: list[float] = []
-        self._shortcuts: set[tuple[int, int, int]] = set()
-        self._goals: list[int] = self.tasks.goals.tolist()
-        self._starts = self._unpadded(self.tasks.starts)
-        self._num_drawn: list[int] = self.world.num_drawn.tolist()
-        self._intermediates = self._unpadded(self.tasks.intermediates)
-        self._makeable: list[list[int]] = [[] for _ in self._starts]
-        avoids_shortcuts = self.config.distractor_policy != "any"
-        # Longer shortcuts, and those by larger sets, take a search.
-        has_larger_sets = self.world.has_combine
-        self._searches = avoids_shortcuts and (self.config.attempts > 1 or has_larger_sets)
-        if avoids_shortcuts and not has_larger_sets:
-            is_shortcut = self.world.shortcut_search.usable
-            self._shortcuts.update(map(tuple, self.world.graph.recipes[is_shortcut].tolist()))
-            self._makeable = self._unpadded(self.world.makeable)
-        start = np.full((1, 1), self._nothing)
-        self._batch = self.engine.pose(np.zeros(1, dtype=np.int64), tables=start)
+        self._batch = _unbegun(self.engine)
         self._outcome = "not_begun"
 
     def reset(
@@ -193,7 +176,8 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         """Begin an episode.
 
         Args:
-            seed: seeds the generator of tasks and tables; None continues it.
+            seed: begins the first episode of a seed, the same as in a vector environment of one;
+                None goes on to the next, or at first draws a seed from the system.
             options: ``task`` and ``table``, see "Starting state"; None draws both.
 
         Returns:
@@ -203,23 +187,25 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             ConfigError: for an unknown option, task or table.
         """
         super().reset(seed=seed)
-        if seed is not None:
-            self._uniform = []  # numbers of the generator before
         options = options or {}
         unknown = set(options) - {"task", "table"}
         if unknown:
             raise ConfigError(f"unknown reset option '{min(unknown)}'; expected task or table.")
-        last = len(self.tasks) - 1
-        task = whole("task", options["task"], 0, last) if "task" in options else self._draw_task()
+        state = self._batch if seed is None else self.engine.reseed(self._batch, [seed])
+        if "task" in options:
+            task = whole("task", options["task"], 0, len(self.tasks) - 1)
+        else:
+            state = self.engine.begin_where(state, np.ones(1, dtype=bool))
+            task = int(state.task[0])
+        tables = None
         if "table" in options:
             # All results of all attempts must fit behind the given entities.
-            table = self.world.checked_table(options["table"], self.world.num_given)
-        else:
-            table = [*self._starts[task], *self._draw_distractors(task)]
-            self._shuffle(table)
-        self._batch = self.engine.posed(self._batch, np.array([task]), np.array([table]))
+            tables = np.array([self.world.checked_table(options["table"], self.world.num_given)])
+        if options:
+            state = self.engine.pose_next(state, np.array([task]), tables)
+        self._batch = state
         self._outcome = "in_progress"
-        return self._batch.observed(0), self._info(illegal=False, by_plan=False)
+        return state.observed(0), self._info(illegal=False, by_plan=False)
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, Info]:
         """Choose the entity in a slot; every second action, or *combine*, completes an attempt.
@@ -228,8 +214,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             Observation, reward, whether the episode is over, False (never truncated), and info.
 
         Raises:
-            ActionError: for a number that is not a slot, or for an empty slot if
-                ``illegal_action`` is ``raise``.
+            ActionError: for anything but the number of a slot.
             EpisodeError: before :meth:`reset`, or after the end of the episode.
         """
         if self._outcome != "in_progress":
@@ -237,7 +222,15 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             raise EpisodeError(
                 "call reset() before step()." if is_new else "the episode is over; call reset()."
             )
-        slot = self._checked_action(action)
+        try:
+            slot = operator.index(action)
+        except TypeError:
+            slot = -1
+        if not 0 <= slot < self.num_slots:
+            raise ActionError(
+                f"action {action!r}: expected a whole number, 0 to {self.num_slots - 1}: a slot of "
+                "the table."
+            )
         self._batch, result = self.engine.step_env(self._batch, self._actions[slot])
         self._outcome = OUTCOMES[result.outcome[0]]
         return (
@@ -258,15 +251,22 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         Raises:
             EpisodeError: before :meth:`reset`.
         """
-        if self._outcome == "not_begun" and self.render_mode is not None:
+        if self.render_mode is None:
+            return None
+        if self._outcome == "not_begun":
             raise EpisodeError("call reset() before render().")
-        return None if self.render_mode is None else self._words()
+        names = self.world.graph.entities
+        state = self.state
+        selected = " + ".join(map(names.__getitem__, state.selection)) or "nothing"
+        table = "  ".join(f"{slot}:{names[entity]}" for slot, entity in enumerate(state.table))
+        return (
+            f"goal: {names[state.goal]}   selection: {selected}   "
+            f"attempts left: {state.attempts_left}\ntable: {table}"
+        )
 
     @property
     def state(self) -> EnvState:
         """The state of the episode."""
-        if self._outcome == "not_begun":
-            return EnvState(-1, self._nothing, [], (), 0, self._outcome)
         batch = self._batch
         return EnvState(
             int(batch.task[0]),
@@ -281,96 +281,6 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     def task(self) -> CraftingTask:
         """The task of the current episode."""
         return self.tasks[self.state.task]
-
-    def _checked_action(self, action: Any) -> int:
-        try:
-            slot = operator.index(action)
-        except TypeError:
-            raise ActionError(
-                f"action {action!r}: expected a whole number, a slot of the table."
-            ) from None
-        if not 0 <= slot < self.num_slots:
-            raise ActionError(
-                f"action {slot}: expected 0 to {self.num_slots - 1}, a slot of the table."
-            )
-        if self.config.illegal_action == "raise" and not self.action_masks()[slot]:
-            raise empty_slot(f"action {slot}", self._batch.count[0] - 1)
-        return slot
-
-    # --- starting state ---------------------------------------------------------------------------
-
-    def _random(self) -> float:
-        """Draw a uniform number; many at once, because a call of the generator is slow."""
-        if not self._uniform:
-            self._uniform = self.np_random.random(_DRAWN_AT_ONCE).tolist()
-        return self._uniform.pop()
-
-    def _draw_task(self) -> int:
-        if self.config.task_weighting == "task":
-            return int(self._random() * len(self.tasks))
-        index = bisect_right(self._task_ends, self._random() * self._task_ends[-1])
-        return min(index, len(self.tasks) - 1)  # a product may be rounded up to the end
-
-    def _shuffle(self, items: list[int]) -> None:
-        """Shuffle in place (Fisher and Yates)."""
-        for last in range(len(items) - 1, 0, -1):
-            place = int(self._random() * (last + 1))
-            items[last], items[place] = items[place], items[last]
-
-    def _draw_distractors(self, task: int) -> list[int]:
-        """Draw distractors, again and again while they open a longer shortcut to the goal."""
-        distractors = self._draw_once(task)
-        if self._searches:
-            tries = 0
-            while self.world.has_shortcut(task, distractors):
-                tries += 1
-                self.world.check_tries(tries, task)
-                distractors = self._draw_once(task)
-        return distractors
-
-    def _draw_once(self, task: int) -> list[int]:
-        """Draw distractors by weight, skipping those that are not allowed on this table."""
-        goal = self._goals[task]
-        start = self._starts[task]
-        excluded = {goal, self._nothing, *start, *self._intermediates[task]}
-        # On the table, or to be made; only a distractor policy reads it.
-        near = {*start, *self._makeable[task]} if self._shortcuts else set()
-        distractors: list[int] = []
-        total = self._weight_ends[-1]
-        # With all entities and the id of nothing taken, entities have run out.
-        count = self._num_drawn[task]
-        while len(distractors) < count and len(excluded) <= self._nothing:
-            entity = bisect_right(self._weight_ends, int(self._random() * total))
-            if entity in excluded:
-                continue
-            excluded.add(entity)
-            if self._shortcuts:
-                if self._is_shortcut(entity, near, goal):
-                    continue
-                near.add(entity)
-            distractors.append(entity)
-        return distractors
-
-    def _is_shortcut(self, entity: int, near: set[int], goal: int) -> bool:
-        """Return whether a distractor makes the goal with itself or an entity near it."""
-        pairs = [(min(entity, partner), max(entity, partner)) for partner in (*near, entity)]
-        return any((*pair, goal) in self._shortcuts for pair in pairs)
-
-    def _unpadded(self, ids: Ids) -> list[list[int]]:
-        """Return padded rows of ids as lists of entities."""
-        return [self.world.without_nothing(row) for row in ids.tolist()]
-
-    # --- observations -----------------------------------------------------------------------------
-
-    def _words(self) -> str:
-        names = self.world.graph.entities
-        state = self.state
-        selected = " + ".join(map(names.__getitem__, state.selection)) or "nothing"
-        table = "  ".join(f"{slot}:{names[entity]}" for slot, entity in enumerate(state.table))
-        return (
-            f"goal: {names[state.goal]}   selection: {selected}   "
-            f"attempts left: {state.attempts_left}\ntable: {table}"
-        )
 
     def _info(self, *, illegal: bool, by_plan: bool) -> Info:
         return {
@@ -388,17 +298,16 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     Made by ``gym.make_vec("WordCraft-v0", vectorization_mode="vector_entry_point", ...)``.
 
     Observations are as in :class:`~wordcraft_kg.envs.wordcraft.WordCraftEnv` with a first axis of
-    length N, fresh arrays each time. ``autoreset_mode`` is one of Gymnasium's modes. SAME_STEP, the
-    default: where ``terminated`` is True, observation and infos are the first of the next episode;
-    reward and flags belong to the step that ended, and so do ``final_obs`` and ``final_info``.
-    NEXT_STEP: the next step begins the new episode without acting. DISABLED:
-    ``reset(options={"reset_mask": mask})`` begins it.
+    length N, fresh arrays each time. Autoreset is Gymnasium's SAME_STEP: where ``terminated`` is
+    True, observation and infos are the first of the next episode; reward and flags belong to the
+    step that ended, and so do ``final_obs`` and ``final_info``. For its other modes take
+    ``vectorization_mode="sync"``, Gymnasium's loop over single environments.
 
     Infos are arrays of length N: ``outcome`` (names), ``by_plan``, ``illegal_action``, ``task``. As
-    in Gymnasium, a step in the mode SAME_STEP that ends episodes adds ``final_obs``, an array of
-    objects with the last observation of each ended episode (None elsewhere), ``final_info`` with
-    arrays of the infos above, and the masks ``_final_obs`` and ``_final_info``. Episodes only
-    terminate, so nothing is bootstrapped from them.
+    in Gymnasium, a step that ends episodes adds ``final_obs``, an array of objects with the last
+    observation of each ended episode (None elsewhere), ``final_info`` with arrays of the infos
+    above, and the masks ``_final_obs`` and ``_final_info``. Episodes only terminate, so nothing is
+    bootstrapped from them.
     """
 
     def __init__(
@@ -407,7 +316,6 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         graph: GraphLike | World,
         *,
         render_mode: str | None = None,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         **settings: Any,
     ):
         """Prepare N environments.
@@ -416,7 +324,6 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
             num_envs: N, 1 or more.
             graph: as for the single environment.
             render_mode: None; many environments are not rendered.
-            autoreset_mode: when a new episode begins, see above.
             **settings: settings of :class:`~wordcraft_kg.envs.world_config.WordCraftConfig`.
 
         Raises:
@@ -430,24 +337,18 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
             raise ConfigError(
                 f"`render_mode` {render_mode!r}: expected None; many environments are not rendered."
             )
-        try:
-            self._mode = AutoresetMode(autoreset_mode)
-        except ValueError:
-            modes = ", ".join(mode.value for mode in AutoresetMode)
-            raise ConfigError(
-                f"`autoreset_mode` {autoreset_mode!r}: expected one of {modes}."
-            ) from None
         self.render_mode = None
         self.world = world = World.of(graph, settings)
         self.config = world.config
         self.engine = BatchEngine(world, num_envs)
         self.num_envs = self.engine.num_envs
-        self.metadata = {**WordCraftEnv.metadata, "autoreset_mode": self._mode}
+        self.metadata = {**WordCraftEnv.metadata, "autoreset_mode": AutoresetMode.SAME_STEP}
         self.single_observation_space = observation_space(world)
         self.single_action_space = spaces.Discrete(world.num_slots)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._state: State | None = None
+        self._batch = _unbegun(self.engine)
+        self._has_begun = False
 
     def reset(
         self,
@@ -463,53 +364,36 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
                 environment with a seed of its own has the episodes of a single environment
                 (``num_envs=1``) with this seed. None continues all streams, or at first draws a
                 seed from the system.
-            options: ``reset_mask``, booleans of shape (N,), restarts only the environments where it
-                is True, and takes no seed but a list.
+            options: None; tasks are set with the engine's ``pose``.
 
         Returns:
             Observations and infos of all environments.
 
         Raises:
-            ConfigError: for a wrong number of seeds, another option, or a mask of another shape or
-                type.
+            ConfigError: for a wrong number of seeds, or an option.
         """
-        unknown = {*(options or {})} - {"reset_mask"}
-        if unknown:
+        if options:
             raise ConfigError(
-                f"unknown reset option '{min(unknown)}': expected reset_mask; "
-                "set tasks with the engine's pose()."
+                f"unknown reset option '{min(options)}': this environment takes none; set tasks "
+                "with the engine's pose()."
             )
-        seeds: list[int | None] | None = None
+        if seed is None:
+            seed = [None] * self.num_envs
         if isinstance(seed, list | tuple | np.ndarray):
-            seeds = list(seed)
-            seed = None
-            if len(seeds) != self.num_envs:
+            if len(seed) != self.num_envs:
                 raise ConfigError(
-                    f"`seed`: {len(seeds)} seeds for {self.num_envs} environments; expected one "
+                    f"`seed`: {len(seed)} seeds for {self.num_envs} environments; expected one "
                     "for each, or one integer for all."
                 )
-        mask = None if not options else np.asarray(options["reset_mask"])
-        if mask is not None and (
-            seed is not None or mask.dtype != bool or mask.shape != (self.num_envs,)
-        ):
-            raise ConfigError(
-                f"`reset_mask`: expected booleans of shape ({self.num_envs},), and no seed or "
-                f"{self.num_envs} seeds."
-            )
-        state = self._state
-        is_continued = seed is None and state is not None
-        if state is None or seed is not None:
-            # Without a seed, the first reset draws one, and all later resets go on from there.
-            drawn = int(np.random.SeedSequence().generate_state(1)[0])
-            state = self.engine.reset(drawn if seed is None else seed)
-        if seeds is not None:
-            state = self.engine.reseed(state, seeds, mask)
-        if seeds is not None or is_continued:
-            # A mask resets finished episodes in place, in the mode DISABLED.
-            everywhere = np.ones(self.num_envs, dtype=bool)
-            state = self.engine.begin_where(state, everywhere if mask is None else mask)
-        self._state = state
-        return state.observed(slice(None)), self._infos(self._no_step(), state.task)
+            state = self.engine.reseed(self._batch, seed)
+            state = self.engine.begin_where(state, np.ones(self.num_envs, dtype=bool))
+        else:
+            state = self.engine.reset(seed)
+        self._batch = state
+        self._has_begun = True
+        none = np.zeros(self.num_envs, dtype=bool)
+        infos = self._infos(none.astype(np.int8), none, none, state.task)
+        return state.observed(slice(None)), infos
 
     def step(
         self, actions: NDArray[np.int64]
@@ -526,44 +410,27 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
             Observations, rewards (float64), terminated, truncated (always False) and infos.
 
         Raises:
-            ActionError: for a number that is not a slot, or for an empty slot if
-                ``illegal_action`` is ``raise``.
-            EpisodeError: before :meth:`reset`, or in the mode DISABLED after an episode's end.
+            ActionError: for a number that is not a slot.
+            EpisodeError: before :meth:`reset`.
         """
-        before = self.state
-        ended = before.attempts_left == 0  # never in the mode SAME_STEP
-        if self._mode is AutoresetMode.DISABLED and ended.any():
-            raise EpisodeError(
-                f"environment {int(ended.argmax())} has ended; call reset() with a `reset_mask`."
-            )
-        if ended.all():
-            result = self._no_step()  # the engine refuses a step without a running episode
-        else:
-            self._state, result = self.engine.step_once(before, actions)
-        shown = result
-        ends: dict[str, Any] = {}
-        if self._mode is AutoresetMode.SAME_STEP and result.over.any():
-            ended = result.over
-            # Without ended episodes, whose places are taken by new ones.
-            shown = result._replace(
-                outcome=result.outcome * ~ended,
-                by_plan=result.by_plan & ~ended,
-                illegal=result.illegal & ~ended,
-            )
-            ends = {
-                "final_obs": _final_obs(self.state, ended),
-                "final_info": self._final_info(result),
-                "_final_obs": ended.copy(),
-                "_final_info": ended.copy(),
+        last, result = self.engine.step_once(self.state, actions)
+        over = result.over
+        self._batch = self.engine.begin_where(last, over)
+        # Where an episode is over, infos are those of the new one, which has no outcome yet.
+        infos = self._infos(
+            result.outcome * ~over, result.by_plan & ~over, result.illegal & ~over, self._batch.task
+        )
+        if over.any():
+            ended = self._infos(result.outcome, result.by_plan, result.illegal, result.task)
+            infos |= {
+                "final_obs": _final_obs(last, over),
+                "final_info": _final_info(ended, over),
+                "_final_obs": over.copy(),
+                "_final_info": over.copy(),
             }
-        if self._mode is not AutoresetMode.DISABLED:
-            self._state = self.engine.begin_where(self.state, ended)
-        # Where a new episode began, infos name its task.
-        task = self.state.task if ended.any() else result.task
         never = np.zeros(self.num_envs, dtype=bool)
         reward = result.reward.astype(np.float64)
-        infos = self._infos(shown, task) | ends
-        return self.state.observed(slice(None)), reward, result.over, never, infos
+        return self._batch.observed(slice(None)), reward, over, never, infos
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity, shape (N, num_slots)."""
@@ -576,38 +443,16 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         Raises:
             EpisodeError: before the first :meth:`reset`.
         """
-        if self._state is None:
+        if not self._has_begun:
             raise EpisodeError("call reset() before step().")
-        return self._state
-
-    def _no_step(self) -> Step:
-        """Return the outcome of no action in any environment."""
-        no = np.zeros(self.num_envs, dtype=bool)
-        return Step(
-            reward=no.astype(np.float32),
-            over=no,
-            outcome=no.astype(np.int8),
-            by_plan=no,
-            illegal=no,
-            task=self.state.task,
-        )
-
-    def _final_info(self, result: Step) -> dict[str, Any]:
-        """Return the infos of the episodes that a step has ended, in Gymnasium's form."""
-        info: dict[str, Any] = {}
-        for name, column in self._infos(result, result.task).items():
-            # Zeros, or None for names, where no episode has ended.
-            empty = np.full_like(column, None if column.dtype == object else 0)
-            info[name] = np.where(result.over, column, empty)
-            info[f"_{name}"] = result.over.copy()
-        return info
+        return self._batch
 
     @staticmethod
-    def _infos(result: Step, task: Any) -> dict[str, Any]:
+    def _infos(outcome: Any, by_plan: Any, illegal: Any, task: Any) -> dict[str, Any]:
         return {
-            "outcome": _NAMES[result.outcome],
-            "by_plan": result.by_plan,
-            "illegal_action": result.illegal,
+            "outcome": _NAMES[outcome],
+            "by_plan": by_plan,
+            "illegal_action": illegal,
             "task": np.array(task),
         }
 
@@ -621,3 +466,14 @@ def _final_obs(last: State, over: NDArray[np.bool_]) -> NDArray[Any]:
     for env, *values in zip(rows.tolist(), *columns.values(), strict=True):
         final_obs[env] = dict(zip(columns, values, strict=True))
     return final_obs
+
+
+def _final_info(infos: dict[str, Any], over: NDArray[np.bool_]) -> dict[str, Any]:
+    """Return the infos of the episodes that a step has ended, in Gymnasium's form."""
+    final_info: dict[str, Any] = {}
+    for name, column in infos.items():
+        # Zeros, or None for names, where no episode has ended.
+        empty = np.full_like(column, None if column.dtype == object else 0)
+        final_info[name] = np.where(over, column, empty)
+        final_info[f"_{name}"] = over.copy()
+    return final_info

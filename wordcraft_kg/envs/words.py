@@ -9,7 +9,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Sequence
 
-from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 
 NOTHING = "nothing"
@@ -126,17 +126,11 @@ def combined(
     return text if firsts else text.removeprefix(" + ")
 
 
-def table_labels(env: WordCraftEnv, observation: Observation) -> tuple[str, ...]:
-    """Return the labels on an observed table, in slot order, without empty slots."""
-    table = observation["table"]
-    return env.world.graph.labels(table[table != env.world.nothing])
-
-
-def results_of(env: WordCraftEnv, *ingredients: Entity) -> tuple[str, ...]:
+def results_of(world: World, *ingredients: Entity) -> tuple[str, ...]:
     """Return the labels of all results of a pair or set of entities.
 
     Args:
-        env: environment whose setting ``ambiguity`` applies.
+        world: world whose setting ``ambiguity`` applies.
         ingredients: labels or ids, in any order.
 
     Returns:
@@ -145,8 +139,8 @@ def results_of(env: WordCraftEnv, *ingredients: Entity) -> tuple[str, ...]:
     Raises:
         UnknownEntityError: for a label or id that the graph lacks.
     """
-    ids = tuple(sorted(map(env.world.graph.id_of, ingredients)))
-    return env.world.graph.labels(env.world.outcomes.get(ids, ()))
+    ids = tuple(sorted(map(world.graph.id_of, ingredients)))
+    return world.graph.labels(world.outcomes.get(ids, ()))
 
 
 def characters(graph: RecipeGraph) -> frozenset[str]:

@@ -267,9 +267,12 @@ class World:
     def groups(self) -> Ids:
         """Each task's resampling group, shape (N,).
 
-        See :meth:`~wordcraft_kg.graphs.tasks.TaskSet.groups_in`.
+        It is the split's group of the recipe that makes the goal. Tasks of a group were held out
+        together and are alike, so an interval resamples whole groups. If several plans end in
+        different recipes, the first plan counts.
         """
-        return self.tasks.groups_in(self.split)
+        last_recipes = [plans[0][-1] for plans in self.tasks.plans]
+        return frozen(self.split.groups[last_recipes])
 
     @_derived_from("ambiguity")
     def outcomes(self) -> Mapping[tuple[int, ...], tuple[int, ...]]:

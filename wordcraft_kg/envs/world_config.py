@@ -23,7 +23,6 @@ MAX_ATTEMPTS = 1_000
 DistractorWeighting = Literal["use", "uniform"]
 DistractorPolicy = Literal["any", "no_shortcut", "no_train_shortcut"]
 Ambiguity = Literal["all", "last"]
-IllegalAction = Literal["waste", "raise"]
 Observation = dict[str, Any]
 Info = dict[str, Any]
 METADATA: dict[str, Any] = {"render_modes": ["ansi"], "render_fps": 4}
@@ -105,8 +104,6 @@ class WordCraftConfig:
             goal.
         ambiguity: a pair with several results makes ``all``, or only the ``last`` by label (as in
             the paper's released code).
-        illegal_action: effect of choosing an empty slot: ``waste`` the attempt, or ``raise`` an
-            error.
         num_tasks: number of tasks to sample at depth 3 and above, and at depth 2 in large graphs.
         task_seed: random seed for this sample; at depth 2 for the sample of tasks that use no
             entity twice, see :data:`~wordcraft_kg.graphs.tasks.TWICE_SHARE`.
@@ -132,7 +129,6 @@ class WordCraftConfig:
     task_weighting: TaskWeighting = "task"
     ambiguity: Ambiguity = "all"
     pays_held_out: bool = False
-    illegal_action: IllegalAction = "waste"
     num_tasks: int = DRAWN_TASKS
     task_seed: int = 0
     rewards: RewardConfig | RewardFunction = field(

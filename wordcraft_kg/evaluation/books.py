@@ -9,7 +9,8 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.base import Count, RecipeFileError, Record, Share, staged_file
-from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.envs.draws import EvaluationTables
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import (
     Recipe,
     RecipeBook,
@@ -256,42 +257,39 @@ class TaskListing(Record):
     shown: tuple[ShownTask, ...]
 
 
-def view_tasks(env: WordCraftEnv, limit: int, seed: int) -> TaskListing:
-    """Count an environment's tasks and show examples.
+def view_tasks(world: World, limit: int, seed: int) -> TaskListing:
+    """Count a world's tasks and show examples, on tables of evaluation.
 
     Args:
-        env: the environment.
+        world: graph, tasks and settings.
         limit: most examples to return.
         seed: seed of the choice and of the distractors.
 
     Returns:
         Counts, and the examples in random order.
     """
-    # Seeding only the first episode, as in training, gives different distractors to each table.
-    env.reset(seed=seed)
-    order = np.random.default_rng(seed).permutation(len(env.tasks))[:limit].tolist()
+    tables = EvaluationTables(world)
+    order = np.random.default_rng(seed).permutation(len(world.tasks))[:limit].tolist()
     return TaskListing(
-        graph=env.world.graph.name,
-        depth=env.config.depth,
-        part=env.config.part,
-        tasks=len(env.tasks),
-        uses_twice=float(env.tasks.uses_twice.mean()),
-        complete=env.tasks.is_complete,
-        mixed=env.tasks.mixed,
-        shown=tuple(_shown(env, index) for index in order),
+        graph=world.graph.name,
+        depth=world.config.depth,
+        part=world.config.part,
+        tasks=len(world.tasks),
+        uses_twice=float(world.tasks.uses_twice.mean()),
+        complete=world.tasks.is_complete,
+        mixed=world.tasks.mixed,
+        shown=tuple(_shown(tables, index, seed) for index in order),
     )
 
 
-def _shown(env: WordCraftEnv, index: int) -> ShownTask:
-    observation, _ = env.reset(options={"task": index})
-    task = env.task
-    # Slots without an entity have no label.
-    table = env.world.graph.labels(observation["table"][observation["action_mask"] == 1])
+def _shown(tables: EvaluationTables, index: int, seed: int) -> ShownTask:
+    task = tables.world.tasks[index]
+    table = tables.world.graph.labels(tables.table(index, seed))
     return ShownTask(
         goal=task.goal,
-        start=tuple(task.start),
+        start=task.start,
         # Sorted, because the table's order is random and tells nothing.
         distractors=tuple(sorted(set(table) - set(task.start))),
         table=table,
-        plans=tuple(map(tuple, task.plans)),
+        plans=task.plans,
     )

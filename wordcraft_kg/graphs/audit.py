@@ -416,20 +416,16 @@ def _set_statistics(split: Split) -> SetStatistics | None:
         recipes_by_number_of_ingredients=dict(
             zip(map(str, sizes.tolist()), numbers.tolist(), strict=True)
         ),
-        inside_another_set=len(sets_inside_others(graph)),
+        inside_another_set=_num_inside_others(graph),
         test_sets=num_sets,
         with_a_train_pair=int(np.sum(with_train)),
         of_train_pairs=int(np.sum(~with_other)),
     )
 
 
-def sets_inside_others(graph: RecipeGraph) -> dict[int, int]:
-    """Return recipes whose ingredients are some of another recipe's for the same result.
-
-    Returns:
-        Row of a larger recipe by row of each such recipe, ascending.
-    """
-    inside: dict[int, int] = {}
+def _num_inside_others(graph: RecipeGraph) -> int:
+    """Return the number of recipes with a part of another recipe's ingredients for its result."""
+    inside: set[int] = set()
     starts, order = graph.by_result
     sizes = graph.sizes
     for start, stop in pairwise(starts.tolist()):
@@ -438,12 +434,12 @@ def sets_inside_others(graph: RecipeGraph) -> dict[int, int]:
         if len(lengths) < 2:
             continue
         row_of = {tuple(graph.sets[row, : sizes[row]].tolist()): row for row in rows.tolist()}
-        for ingredients, row in row_of.items():
+        for ingredients in row_of:
             smaller = [length for length in lengths if length < len(ingredients)]
             # At most 254 smaller sets, whatever the number of recipes.
             parts = {part for length in smaller for part in combinations(ingredients, length)}
-            inside |= dict.fromkeys((row_of[part] for part in parts if part in row_of), row)
-    return dict(sorted(inside.items()))
+            inside.update(row_of[part] for part in parts if part in row_of)
+    return len(inside)
 
 
 def one_ingredient_away(split: Split) -> NDArray[np.bool_]:

@@ -3,7 +3,6 @@
 :func:`~wordcraft_kg.graphs.book_files.read_book` stops at the first error and accepts suspicious entries.
 """
 
-import io
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -24,7 +23,7 @@ from wordcraft_kg.base import (
     quoted,
     stage,
 )
-from wordcraft_kg.graphs.audit import BookFigures, book_figures, sets_inside_others
+from wordcraft_kg.graphs.audit import BookFigures, book_figures
 from wordcraft_kg.graphs.book_files.cells import OWN_COLUMNS
 from wordcraft_kg.graphs.book_files.files import Content, read_bytes
 from wordcraft_kg.graphs.book_files.reader import (
@@ -175,7 +174,6 @@ def check_book(
         _characters(graph, line_of),
         _spellings(graph, line_of),
         _idle(graph, base_labels),
-        _inside(graph),
         _unreachable(graph, line_of, lines_of),
         _plurals(graph, line_of),
         _lonely(graph, line_of),
@@ -193,19 +191,11 @@ def check_book(
 
 
 def _byte_findings(file: Content) -> Iterator[Finding]:
-    """Yield findings about the bytes of a text: mark, line ends, encoding."""
+    """Yield findings about the bytes of a text: mark and encoding."""
     if file.encoding not in ("", "utf-8"):
         yield _problem("encoding", f"the encoding is {file.encoding}; save the file as UTF-8")
     elif file.has_mark:
         yield _problem("bom", "the file starts with a byte order mark; save it without one", [1])
-    if "\r" in file.text:
-        lines = list(io.StringIO(file.text, newline=""))
-        returns = [number for number, line in enumerate(lines, start=1) if "\r" in line]
-        subject = counted(len(returns), "line")
-        message = f"{subject} with a carriage return (CRLF or CR), which are read as LF"
-        # Where most lines have one, their numbers say nothing.
-        are_few = len(returns) < len(lines) // 2
-        yield _note("line-ends", message, returns if are_few else ())
 
 
 def _read_rows(
@@ -380,20 +370,6 @@ def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]
     idle_labels = [label for label in idle if label not in unused]
     if idle_labels:
         yield _note("idle", f"listed, but in no recipe: {_listed(idle_labels)}")
-
-
-def _inside(graph: RecipeGraph) -> Iterator[Finding]:
-    """Yield a note on sets that are part of another set for the same result."""
-    inside = sets_inside_others(graph)
-    if inside:
-        row, larger = next(iter(inside.items()))
-        small, large = graph.recipe_labels(graph.sets[[row, larger]])
-        subject = counted(len(inside), "recipe")
-        yield _note(
-            "inside",
-            f"{subject} with a part of the ingredients of another recipe for the same result, such "
-            f"as {small} beside {large}; both stay",
-        )
 
 
 def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:

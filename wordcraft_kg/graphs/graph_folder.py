@@ -4,12 +4,10 @@ A graph is opened by folder, recipe book file or book name. A folder's bytes dep
 and the split's settings, so two people can compare their folders.
 """
 
-from collections.abc import Iterable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path, PureWindowsPath
-from typing import TYPE_CHECKING, Any, Literal, Unpack
+from typing import TYPE_CHECKING, Annotated, Literal, Unpack
 
 import msgspec
 import numpy as np
@@ -23,7 +21,9 @@ from wordcraft_kg.base import (
     Record,
     SplitError,
     as_values,
+    check_file,
     dump_json,
+    parse_record,
     read_json,
     stage,
     staged_folder,
@@ -32,11 +32,17 @@ from wordcraft_kg.base import (
 )
 from wordcraft_kg.graphs.arrays import Ids, stacked
 from wordcraft_kg.graphs.audit import Audit, audit
-from wordcraft_kg.graphs.book_files import ReadOptions, book_json, read_book, recipe_table
+from wordcraft_kg.graphs.book_files import ReadOptions, book_json, recipe_table
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import Reading, RecipeBook, RecipeRows, label_fault
+from wordcraft_kg.graphs.recipes import (
+    MOST_INGREDIENTS,
+    Reading,
+    RecipeBook,
+    RecipeRows,
+    label_fault,
+)
 from wordcraft_kg.graphs.splits import Split, SplitConfig, default_config, make_split, read_split
 from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import triple_lines
@@ -48,26 +54,48 @@ KG = Literal["partial", "full"]
 """Knowledge graph: triples from the train recipes, or from all recipes."""
 GRAPH_FILE = 2**30
 """Most bytes of ``graph.json`` and of ``split.json``: seven million recipes take 400 MB."""
-_DROPPED = ("dropped_self_results", "merged_duplicates")
-"""Numbers of lines of a book that became no recipe."""
 TrainedOn = Literal["partial", "full", "none"]
 """A scorer's training recipes: train, all, or none (a scorer of entity names only)."""
+_Labels = Annotated[tuple[str, ...], msgspec.Meta(min_length=2, max_length=MOST_INGREDIENTS + 1)]
+"""The ingredients of a recipe, and its result."""
+
+
+class _Origin(msgspec.Struct, frozen=True):
+    """What ``graph.json`` tells of the book, as far as a graph keeps it.
+
+    Attributes:
+        base_is_inferred: as in :class:`~wordcraft_kg.graphs.recipe_graph.RecipeGraph`.
+        reading: how the book's file was read; None without a file.
+    """
+
+    base_is_inferred: bool = False
+    reading: Reading | None = None
 
 
 class _GraphFile(msgspec.Struct):
-    """The content of ``graph.json`` that makes the graph.
+    """The content of ``graph.json``.
 
     Attributes:
         format: name and version of the layout.
+        name: name of the graph.
+        hash: content hash of the graph.
         base: labels of the base entities.
         entities: labels of all entities, sorted.
-        recipes: labels (*ingredients, result).
+        recipes: labels (*ingredients, result), in the order of the graph.
+        kinds: each recipe's kind; empty for a book without kinds.
+        quantities: each recipe's quantities; empty for a book without.
+        source: the book.
     """
 
     format: Literal["wordcraft-kg recipe book 1"]
+    name: str
+    hash: Hash
     base: list[str]
     entities: list[str]
-    recipes: list[tuple[str, ...]]
+    recipes: list[_Labels]
+    kinds: list[str] = []
+    quantities: list[str] = []
+    source: _Origin = _Origin()
 
 
 @dataclass(frozen=True)
@@ -160,26 +188,6 @@ def entities_frame(graph: RecipeGraph) -> "pd.DataFrame":
     )
 
 
-def _derived_files(split: Split, book: RecipeBook) -> dict[str, Iterable[str]]:
-    """Return the lines of all tables in a graph folder by file name.
-
-    Args:
-        split: the split.
-        book: recipes of the split's graph, sorted, and their kinds.
-    """
-    graph = split.graph
-    frame = entities_frame(graph)
-    frame.insert(0, "id", range(len(frame)))
-    files: dict[str, Iterable[str]] = {
-        "recipes.csv": recipe_table(book),
-        "entities.tsv": [frame.to_csv(sep="\t", index=False, lineterminator="\n")],
-    }
-    parts = {"full": graph.triples, "partial": split.partial, "unseen": split.unseen}
-    for name, triples in parts.items():
-        files[f"triples/{name}.tsv"] = triple_lines(triples, graph.entities)
-    return files
-
-
 @stage("writing the graph folder")
 def write_graph_folder(
     out: str | Path,
@@ -221,7 +229,8 @@ def write_graph_folder(
         )
     graph = split.graph
     with staged_folder(Path(out), force=force) as folder:
-        source = {name: getattr(book, name) for name in ("sha256", *_DROPPED)}
+        names = ("sha256", "dropped_self_results", "merged_duplicates")
+        source = {name: getattr(book, name) for name in names}
         if graph.base_is_inferred:
             source["base_is_inferred"] = True
         if book.reading is not None:
@@ -233,9 +242,16 @@ def write_graph_folder(
             folder / "graph.json", book_json(graph_book, hash=graph.hash, source=source)
         )
         write_atomically(folder / "split.json", split.to_json())
+        write_atomically(folder / "recipes.csv", recipe_table(graph_book))
+        frame = entities_frame(graph)
+        frame.insert(0, "id", range(len(frame)))
+        table = frame.to_csv(sep="\t", index=False, lineterminator="\n")
+        write_atomically(folder / "entities.tsv", table)
         (folder / "triples").mkdir()
-        for name, lines in _derived_files(split, graph_book).items():
-            write_atomically(folder / name, lines)
+        parts = {"full": graph.triples, "partial": split.partial, "unseen": split.unseen}
+        for name, triples in parts.items():
+            lines = triple_lines(triples, graph.entities)
+            write_atomically(folder / "triples" / f"{name}.tsv", lines)
         record = audit(graph, split, book)
         write_atomically(folder / "audit.json", dump_json(as_values(record)))
     return record
@@ -297,84 +313,49 @@ def _split(graph: RecipeGraph, config: SplitConfig | None, source: str) -> Opene
 
 
 def _read_graph(folder: Path) -> RecipeGraph:
-    """Read ``graph.json``, which is a recipe book too, and compare the graph with its hash."""
+    """Read ``graph.json``, and compare the graph with its hash."""
     path = folder / "graph.json"
     if not path.is_file():
         raise ArtefactError(
             f"'{folder}' {what_is(folder)}; expected a graph folder. "
             "Make a graph folder: wordcraft-kg build-graph"
         )
-    recorded: Any = None
-    # What is no JSON is named below, with its line.
-    with suppress(ArtefactError):
-        recorded = read_json(path, GRAPH_FILE)
-    graph = _usual_graph(recorded)
-    if graph is None:
-        try:
-            # A book with kinds or quantities, or a fault, which is named. The book was
-            # validated when the folder was written, and may have been told to keep these. In one
-            # encoding, which is no guess, as it was written.
-            book = read_book(
-                path, keep_self_results=True, encoding="utf-8", single_ingredient="alone"
-            )
-        except RecipeFileError as error:
-            raise ArtefactError(f"{error} The graph folder is damaged; build it again.") from None
-        graph = RecipeGraph.from_book(book)
-        recorded = read_json(path, GRAPH_FILE)
-    name = recorded.get("name", graph.name)
+    check_file(path, GRAPH_FILE)
+    content = parse_record(path.read_bytes(), _GraphFile, path)
     damaged = f"{path} is damaged or was edited"
     remedy = "Build the graph again with `wordcraft-kg build-graph`."
-    if not isinstance(name, str):
-        raise ArtefactError(f"{damaged}: its name is {name!r}; expected a text. {remedy}")
     # Commands without `out` write to a folder of this name, which must not lead anywhere else.
-    if not _is_folder_name(name):
+    if not _is_folder_name(content.name):
         raise ArtefactError(
-            f"{damaged}: its name is {name[:100]!r}; expected a name without folders and "
+            f"{damaged}: its name is {content.name[:100]!r}; expected a name without folders and "
             f"control characters. {remedy}"
         )
-    graph.name = name
-    origin = recorded.get("source")
-    origin = origin if isinstance(origin, dict) else {}
-    graph.base_is_inferred = origin.get("base_is_inferred") is True
-    # How the first file was read, not how graph.json was.
-    graph.reading = None
-    if "reading" in origin:
-        try:
-            graph.reading = msgspec.convert(origin["reading"], Reading)
-        except msgspec.ValidationError as error:
-            raise ArtefactError(f"{damaged}: its reading is invalid ({error}). {remedy}") from None
-    if recorded.get("hash") != graph.hash:
+    # Once for each label, not in each recipe.
+    texts = chain(content.entities, filter(None, content.kinds), filter(None, content.quantities))
+    fault = next(filter(None, map(label_fault, texts)), None)
+    if fault is not None:
+        raise ArtefactError(f"{damaged}: {fault} {remedy}")
+    id_of = {label: entity for entity, label in enumerate(content.entities)}
+    lengths = list(map(len, content.recipes))
+    try:
+        ids = np.fromiter(map(id_of.__getitem__, chain.from_iterable(content.recipes)), np.int64)
+        base = [id_of[label] for label in content.base]
+        rows = stacked(ids, lengths, len(id_of))
+        graph = RecipeGraph(content.entities, rows, base, content.name)
+    except KeyError as error:
+        raise ArtefactError(f"{damaged}: {error} is none of its entities. {remedy}") from None
+    except GraphError as error:
+        raise ArtefactError(f"{damaged}: {error} {remedy}") from None
+    # Kinds and quantities, which the hash leaves out, stand in the order of the recipes.
+    lists = (content.kinds, content.quantities)
+    are_complete = all(len(facts) in (0, graph.num_recipes) for facts in lists)
+    if graph.hash != content.hash or not are_complete or not np.array_equal(graph.sets, rows):
         raise ArtefactError(f"{damaged}: its content does not match its hash. {remedy}")
+    graph.kinds = tuple(content.kinds) or None
+    graph.quantities = tuple(content.quantities) or None
+    graph.base_is_inferred = content.source.base_is_inferred
+    graph.reading = content.source.reading
     return graph
-
-
-def _usual_graph(recorded: Any) -> RecipeGraph | None:
-    """Return the graph in the content of ``graph.json``, or None for any unusual content.
-
-    Many times as fast as reading any book: labels are checked once, not in each recipe. The caller
-    compares the graph's hash with the recorded one.
-    """
-    try:
-        book = msgspec.convert(recorded, _GraphFile)
-    except msgspec.ValidationError:
-        return None
-    has_faults = any(label_fault(label) is not None for label in book.entities)
-    if has_faults or not {"kinds", "quantities"}.isdisjoint(recorded):
-        return None
-    id_of = {label: entity for entity, label in enumerate(book.entities)}
-    labels = chain.from_iterable(book.recipes)
-    lengths = list(map(len, book.recipes))
-    if min(lengths, default=2) < 2:
-        return None
-    try:
-        ids = np.fromiter(map(id_of.__getitem__, labels), np.int64)
-        base = [id_of[label] for label in book.base]
-        graph = RecipeGraph(book.entities, stacked(ids, lengths, len(id_of)), base)
-    # KeyError: a label that is no entity; GraphError: entities that are not in order.
-    except (KeyError, GraphError):
-        return None
-    # A recipe that stands twice is no fault of a graph, but of a file.
-    return graph if graph.num_recipes == len(book.recipes) else None
 
 
 def _is_folder_name(name: str) -> bool:

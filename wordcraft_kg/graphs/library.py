@@ -7,7 +7,6 @@ A built-in book is a file in the folder ``books``; a book to download is an entr
 import hashlib
 import os
 import re
-import time
 import urllib.request
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -15,7 +14,7 @@ from hashlib import sha256
 from http.client import HTTPException
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple, Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 
@@ -122,15 +121,7 @@ _BUILT_IN = Path(__file__).parent / "books"
 MADE_UP = re.compile(rf"{PREFIX}(?:-(\d+))?:(.+)")
 """Name of a book with invented words; groups: the seed, and the original book's name or file."""
 _SILENCE = 30  # seconds without a byte from the server
-_DEADLINE = 300  # seconds for the whole download
-_MAX_BYTES = 64 * 2**20
-
-
-class _NoRedirects(urllib.request.HTTPRedirectHandler):
-    """Refuses redirects: the address of a pinned file does not move."""
-
-    def redirect_request(self, *arguments: Any) -> None:
-        """Return no further request, so that the redirect is an error."""
+_MAX_BYTES = 64 * 2**20  # of a download; what is cut there has another hash
 
 
 @dataclass(frozen=True)
@@ -243,14 +234,9 @@ class LocatedBook(NamedTuple):
 
 
 def data_folder() -> Path | None:
-    """Return the folder for the user's recipe books, from ``WORDCRAFT_KG_DATA``; None if unset.
-
-    The variable may also name a file in the folder.
-    """
+    """Return the folder for the user's recipe books, from ``WORDCRAFT_KG_DATA``; None if unset."""
     value = os.environ.get(DATA_VARIABLE)
-    if not value:
-        return None
-    return Path(value).parent if Path(value).is_file() else Path(value)
+    return Path(value) if value else None
 
 
 def cache_folder() -> Path:
@@ -309,14 +295,13 @@ def locate_book(name_or_path: str | Path) -> LocatedBook:
         raise RecipeFileError(
             f"'{name_or_path}' has no file, because it is made from '{original}'; give that book."
         )
-    # A file or graph folder of this path takes precedence over a book's name.
-    if path.is_file() or (path / "graph.json").is_file():
-        return LocatedBook(path)
     books = {book.name: book for book in known_books()}
-    # Any other folder gives way to a book of its name, such as a run folder named kitchen.
-    if path.exists() and str(name_or_path) not in books:
-        return LocatedBook(path)
     book = books.get(str(name_or_path))
+    # A file or graph folder of this path takes precedence over a book's name. Any other folder
+    # gives way to a book of its name, such as a run folder named kitchen.
+    is_book = path.is_file() or (path / "graph.json").is_file()
+    if is_book or (path.exists() and book is None):
+        return LocatedBook(path)
     if book is None:
         hint = nearest(str(name_or_path), books)
         raise RecipeFileError(
@@ -352,14 +337,26 @@ def published_fold(book: str, name: str) -> Path | None:
     fold = by_name.get(name)
     if fold is None:
         return None
+    path = _placed(fold)
+    if path is None:
+        raise RecipeFileError(
+            f"{name} of '{book}' is not on this machine yet, or is another file. "
+            f"Fetch it: wordcraft-kg books --fetch {book}"
+        )
+    return path
+
+
+def _placed(file: _PublishedFile) -> Path | None:
+    """Return where a published file lies: in the cache, else in the data folder.
+
+    None if neither has it, or it is another file.
+    """
     for folder in filter(None, (cache_folder(), data_folder())):
-        path = folder / fold.file_name
-        if path.is_file() and sha256_of(path) == fold.sha256:
-            return path
-    raise RecipeFileError(
-        f"{name} of '{book}' is not on this machine yet, or is another file. "
-        f"Fetch it: wordcraft-kg books --fetch {book}"
-    )
+        path = folder / file.file_name
+        if path.is_file():
+            # Books are opened from the cache first, even if another file lies there.
+            return path if sha256_of(path) == file.sha256 else None
+    return None
 
 
 def open_book(
@@ -423,21 +420,12 @@ def fetch_book(name: str) -> Path:
         raise FetchError(
             f"no book '{name}' to fetch; expected one of {', '.join(FETCHABLE)}.{hint}"
         )
-    for fold in book.folds:
-        _present_or_fetched(name, fold)
-    return _present_or_fetched(name, book)
-
-
-def _present_or_fetched(name: str, file: _PublishedFile) -> Path:
-    """Return the path of a published file, downloaded if neither cache nor data folder has it."""
-    target = cache_folder() / file.file_name
-    folder = data_folder()
-    # A file in the cache takes precedence wherever books are opened, so it must be the right one.
-    if folder is not None and not target.exists():
-        placed = folder / file.file_name
-        if placed.is_file() and sha256_of(placed) == file.sha256:
-            return placed
-    return fetch_file(name, file.url, file.sha256, target, file.file_name)
+    for file in (*book.folds, book):
+        # A damaged or outdated download is fetched again.
+        path = _placed(file) or fetch_file(
+            name, file.url, file.sha256, cache_folder() / file.file_name, file.file_name
+        )
+    return path
 
 
 def fetch_file(
@@ -447,13 +435,13 @@ def fetch_file(
     target: Path,
     file_name: str | None = None,
 ) -> Path:
-    """Download a published file with a pinned hash, once.
+    """Download a published file with a pinned hash.
 
     Args:
         name: name of the file, for errors.
-        url: address; a redirect is refused.
+        url: address.
         sha256: expected hash of the bytes: the content is trusted, whatever the server.
-        target: file to write; if it has the hash already, nothing is downloaded.
+        target: file to write.
         file_name: path in the data folder, for errors; None for the name of ``target``.
 
     Returns:
@@ -462,16 +450,14 @@ def fetch_file(
     Raises:
         FetchError: if the download fails or has another hash; nothing is kept then.
     """
-    # A damaged or outdated download is fetched again.
-    if target.is_file() and sha256_of(target) == sha256:
-        return target
     by_hand = (
         f"Or place the file by hand: save {url} as {target}, "
         f"or as {file_name or target.name} into the folder that {DATA_VARIABLE} names."
     )
     try:
-        data = _downloaded(url)
-    except (OSError, HTTPException, ValueError) as error:
+        with urllib.request.urlopen(url, timeout=_SILENCE) as response:
+            data = response.read(_MAX_BYTES)
+    except (OSError, HTTPException) as error:
         reason = getattr(error, "reason", error)
         raise FetchError(
             f"could not download '{name}' ({reason}). Try again when online. {by_hand}"
@@ -485,24 +471,6 @@ def fetch_file(
     with made_folder(target.parent):
         write_atomically(target, data)
     return target
-
-
-def _opened(url: str) -> Any:
-    return urllib.request.build_opener(_NoRedirects).open(url, timeout=_SILENCE)
-
-
-def _downloaded(url: str) -> bytes:
-    ends = time.monotonic() + _DEADLINE
-    data = bytearray()
-    with _opened(url) as response:
-        # In small chunks, so that a slow or endless answer is noticed.
-        while chunk := response.read1(2**16):
-            data += chunk
-            if len(data) > _MAX_BYTES:
-                raise ValueError(f"more than {_MAX_BYTES:,} bytes")
-            if time.monotonic() > ends:
-                raise TimeoutError(f"not complete after {_DEADLINE} seconds")
-    return bytes(data)
 
 
 def _books_in(folder: Path) -> Iterator[Path]:

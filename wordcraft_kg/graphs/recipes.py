@@ -511,52 +511,47 @@ def count_in(cell: str) -> tuple[str, int] | None:
     return None
 
 
-def notes_about(labels: Collection[str]) -> list[str]:
-    """Return remarks about labels that may be something else, for the line about the file."""
-    return [
-        *note_of_missing(labels),
-        *note_of_numbers(labels),
-        *note_of_marks(labels),
-    ]
+def notes_about(labels: Collection[str]) -> Iterator[str]:
+    """Yield remarks about labels that may be something else, for the line about the file."""
+    yield from note_of_missing(labels)
+    yield from note_of_numbers(labels)
+    yield from note_of_marks(labels)
 
 
-def note_of_missing(labels: Collection[str]) -> list[str]:
-    """Return a remark, or none, about labels that often stand for nothing, such as NA."""
+def note_of_missing(labels: Collection[str]) -> Iterator[str]:
+    """Yield a remark, or none, about labels that often stand for nothing, such as NA."""
     missing_like_labels = sorted(label for label in labels if label == NOTHING or is_missing(label))
-    if not missing_like_labels:
-        return []
-    names = ", ".join(map(_quoted, missing_like_labels))
-    noun = "an entity" if len(missing_like_labels) == 1 else "entities"
-    return [f"{names} kept as {noun}"]
+    if missing_like_labels:
+        names = ", ".join(map(_quoted, missing_like_labels))
+        noun = "an entity" if len(missing_like_labels) == 1 else "entities"
+        yield f"{names} kept as {noun}"
 
 
-def note_of_numbers(labels: Collection[str]) -> list[str]:
-    """Return a remark, or none, about numbers of pieces that may be in labels.
+def note_of_numbers(labels: Collection[str]) -> Iterator[str]:
+    """Yield a remark, or none, about numbers of pieces that may be in labels.
 
     One label is enough if it stands beside the label without the number.
     """
     counts = {label: count_in(label) for label in labels}
     numbered = [label for label, count in counts.items() if count]
     beside = [label for label, count in counts.items() if count and count[0] in counts]
-    if not beside and len(numbered) <= _CLEAR * len(counts):
-        return []
-    example = _quoted(min(beside or numbered))
-    also = " beside the label without it" if beside else ""
-    return [
-        f"{counted(len(numbered), 'label')} with numbers, such as {example}{also}; numbers of "
-        "pieces are no part of a label"
-    ]
+    if beside or len(numbered) > _CLEAR * len(counts):
+        example = _quoted(min(beside or numbered))
+        also = " beside the label without it" if beside else ""
+        yield (
+            f"{counted(len(numbered), 'label')} with numbers, such as {example}{also}; numbers of "
+            "pieces are no part of a label"
+        )
 
 
-def note_of_marks(labels: Collection[str]) -> list[str]:
-    """Return a remark, or none, about labels with marks of lists, such as a star."""
+def note_of_marks(labels: Collection[str]) -> Iterator[str]:
+    """Yield a remark, or none, about labels with marks of lists, such as a star."""
     marked = sorted(filter(_has_mark, labels))
-    if not marked:
-        return []
-    return [
-        f"{counted(len(marked), 'label')} with a mark, such as {_quoted(marked[0])}; remove it if "
-        "it is no part of the label"
-    ]
+    if marked:
+        yield (
+            f"{counted(len(marked), 'label')} with a mark, such as {_quoted(marked[0])}; remove it "
+            "if it is no part of the label"
+        )
 
 
 def _has_mark(label: str) -> bool:

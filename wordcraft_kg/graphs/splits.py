@@ -43,6 +43,7 @@ from wordcraft_kg.graphs.arrays import (
     Ids,
     absent,
     different_ingredients,
+    distinct,
     frozen,
     json_recipes,
 )
@@ -114,21 +115,6 @@ class Published(Record):
 
 
 @dataclass(frozen=True)
-class Draw:
-    """The parts that a kind of split has drawn, or a published split names.
-
-    Attributes:
-        parts: shape (num_recipes,), int8: 0 train, 1 validation, 2 test.
-        moved_for_coverage: number of recipes moved to train to cover all entities.
-        published: the file that names the parts; None if they were drawn.
-    """
-
-    parts: NDArray[np.int8]
-    moved_for_coverage: int = 0
-    published: Published | None = None
-
-
-@dataclass(frozen=True)
 class SplitKind:
     """A method for splitting recipes.
 
@@ -136,7 +122,6 @@ class SplitKind:
         groups: returns each recipe's group number, shape (num_recipes,); all recipes of a group are
             in the same part, and in the same cross-fitting fold.
         about: description, for the help.
-        draw: assigns recipes to parts; None for :func:`by_groups`.
         uses_kinds: whether the split depends on the kinds of recipes, which the graph's hash leaves
             out and the split's hash includes then.
         unit: names several groups in a text, such as "goals": intervals resample them.
@@ -144,7 +129,6 @@ class SplitKind:
 
     groups: Callable[[RecipeGraph], Ids]
     about: str
-    draw: Callable[[RecipeGraph, "SplitConfig", np.random.Generator], Draw] | None = None
     uses_kinds: bool = False
     unit: str = "recipes"
 
@@ -169,21 +153,26 @@ class Split:
         self,
         graph: RecipeGraph,
         config: SplitConfig,
-        draw: Draw,
+        parts: NDArray[np.int8],
+        moved_for_coverage: int = 0,
+        published: Published | None = None,
     ):
         """Bind drawn parts to a graph; most callers want :func:`make_split`.
 
         Args:
             graph: the recipe graph.
             config: the settings of the draw, which are not checked against it.
-            draw: each recipe's part. Its array becomes read-only.
+            parts: shape (num_recipes,): 0 train, 1 validation, 2 test. The array becomes
+                read-only.
+            moved_for_coverage: number of recipes moved to train to cover all entities.
+            published: the file that names the parts; None if they were drawn.
         """
         self.graph = graph
         self.config = config
-        self.parts = draw.parts
+        self.parts = parts
         self.parts.flags.writeable = False  # hashes and triples are cached
-        self.moved_for_coverage = draw.moved_for_coverage
-        self.published = draw.published
+        self.moved_for_coverage = moved_for_coverage
+        self.published = published
         self._triples: dict[str, Ids] = {}
         self._held_out: dict[str, Ids] = {}
 
@@ -291,14 +280,6 @@ class Split:
         """
         return frozen(groups_of(self.graph, self.config.kind))
 
-    @cached_property
-    def train_groups(self) -> Ids:
-        """Each train recipe's group, as in :attr:`groups`, but found without held-out recipes.
-
-        Shape (number of train recipes,).
-        """
-        return frozen(groups_of(self.graph.part(self.is_in("train")), self.config.kind))
-
     @property
     def unit(self) -> str:
         """Name of several groups in a text: recipes, goals, slots or kinds."""
@@ -322,13 +303,7 @@ class Split:
     @cached_property
     def pairs_on_both_sides(self) -> int:
         """Number of ingredient pairs with recipes in several parts."""
-        starts = self.graph.pair_starts[:-1]
-        if not len(starts):
-            return 0
-        # A pair's recipes are neighbours; its parts differ if the first and the last part do.
-        first_part = np.minimum.reduceat(self.parts, starts)
-        last_part = np.maximum.reduceat(self.parts, starts)
-        return int(np.sum(first_part != last_part))
+        return _num_divided(self.graph.pair_of_recipe, self.parts)
 
     @cached_property
     def hash(self) -> str:
@@ -392,13 +367,16 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
         >>> len(split.recipes("train")), len(split.recipes("test"))
         (271, 55)
     """
-    draw_parts = SPLITS[config.kind].draw or by_groups
-    draw = draw_parts(graph, config, np.random.default_rng(config.seed))
-    split = Split(graph, config, draw)
+    if config.kind == "none":
+        return Split(graph, config, np.full(graph.num_recipes, TRAIN, dtype=np.int8))
+    rng = np.random.default_rng(config.seed)
+    parts = _drawn_parts(graph, config, rng)
+    num_moved = _cover_entities(graph, parts, rng) if config.kind == "by-recipe" else 0
+    split = Split(graph, config, parts, num_moved)
     has_valid = config.valid_ratio > 0
     required_parts: list[Part] = ["train", "test", "valid"] if has_valid else ["train", "test"]
     empty = [part for part in required_parts if not split.is_in(part).any()]
-    if empty and config.kind != "none":
+    if empty:
         raise SplitError(_why_empty(graph, config, required_parts, empty[0]))
     return split
 
@@ -421,7 +399,7 @@ def _why_empty(
     recipes = counted(graph.num_recipes, "recipe")
     message = f"the {part} part of a {config.kind} split of {recipes} in {groups} is empty"
     # The draw before any recipe moved, which is also the draw of by-recipe-plain.
-    drawn_parts = by_groups(graph, config, np.random.default_rng(config.seed)).parts
+    drawn_parts = _drawn_parts(graph, config, np.random.default_rng(config.seed))
     sizes = {name: int(np.sum(drawn_parts == PARTS.index(name))) for name in required_parts}
     if config.kind == "by-recipe" and all(sizes.values()):
         return (
@@ -509,7 +487,7 @@ def read_split(
         for index, part in enumerate(PARTS):
             parts[_rows_of(graph, content[part])] = index
         published = msgspec.convert(content.get("published"), Published | None)
-        split = Split(graph, config, Draw(parts, content["moved_for_coverage"], published))
+        split = Split(graph, config, parts, content["moved_for_coverage"], published)
         # A recipe that stands twice does not change the hash, but the number of rows.
         num_rows = sum(len(content[part]) for part in PARTS)
         if split.hash != content["hash"] or num_rows != graph.num_recipes:
@@ -545,12 +523,12 @@ def _rows_of(graph: RecipeGraph, recipes: Sequence[Sequence[str]]) -> Ids:
 # --- split kinds ---------------------------------------------------------------------------------
 
 
-def by_groups(
+def _drawn_parts(
     graph: RecipeGraph,
     config: SplitConfig,
     rng: np.random.Generator,
-) -> Draw:
-    """Assign whole groups to parts at random.
+) -> NDArray[np.int8]:
+    """Assign whole groups to parts at random; return each recipe's part, shape (num_recipes,).
 
     Args:
         graph: the recipe graph.
@@ -568,22 +546,27 @@ def by_groups(
     parts = np.full(len(names), TEST, dtype=np.int8)
     parts[order[:num_train]] = TRAIN
     parts[order[num_train : num_train + num_valid]] = VALID
-    return Draw(parts[group])
+    return parts[group]
 
 
-def _by_recipe(
+def _cover_entities(
     graph: RecipeGraph,
-    config: SplitConfig,
+    parts: NDArray[np.int8],
     rng: np.random.Generator,
-) -> Draw:
-    """Hold out pairs; then cover all entities.
+) -> int:
+    """Move a random pair with each entity that has no train recipe to train.
 
-    For each entity without a train recipe, a random pair with the entity moves to train.
+    Args:
+        graph: the recipe graph.
+        parts: each recipe's part, shape (num_recipes,); changed in place.
+        rng: chooses the pairs.
+
+    Returns:
+        Number of recipes moved.
 
     Source: Jiang et al. 2020, section "Link Prediction Model": "a subgraph ... containing all
     nodes".
     """
-    parts = by_groups(graph, config, rng).parts
     # A model cannot place an entity that it has never seen, so every entity gets a train recipe.
     covered = np.zeros(graph.num_entities + 1, dtype=bool)
     covered[graph.sets[parts == TRAIN]] = True
@@ -599,8 +582,8 @@ def _by_recipe(
         rows = slice(graph.pair_starts[pair], graph.pair_starts[pair + 1])
         parts[rows] = TRAIN
         covered[graph.sets[rows]] = True
-        num_moved += rows.stop - rows.start
-    return Draw(parts, int(num_moved))
+        num_moved += int(rows.stop - rows.start)
+    return num_moved
 
 
 def _goals(graph: RecipeGraph) -> Ids:
@@ -642,17 +625,9 @@ def _kinds(graph: RecipeGraph) -> Ids:
     return group.astype(np.int64)
 
 
-def _none(
-    graph: RecipeGraph,
-    config: SplitConfig,
-    rng: np.random.Generator,
-) -> Draw:
-    return Draw(np.full(graph.num_recipes, TRAIN, dtype=np.int8))
-
-
 _PAIRS: Callable[[RecipeGraph], Ids] = attrgetter("pair_of_recipe")
 _BUILT_IN = {
-    "by-recipe": SplitKind(_PAIRS, "pairs are held out, every entity stays in train", _by_recipe),
+    "by-recipe": SplitKind(_PAIRS, "pairs are held out, every entity stays in train"),
     "by-recipe-plain": SplitKind(_PAIRS, "pairs are held out, train may lack entities"),
     "by-slot": SplitKind(_slots, "the ingredients of each result are held out", unit="slots"),
     "by-goal": SplitKind(_goals, "goals are held out", unit="goals"),
@@ -662,7 +637,7 @@ _BUILT_IN = {
         uses_kinds=True,
         unit="kinds",
     ),
-    "none": SplitKind(_PAIRS, "full graph only", _none),
+    "none": SplitKind(_PAIRS, "full graph only"),
 }
 SPLITS: Registry[SplitKind] = Registry("wordcraft_kg.splits", _BUILT_IN)
 """Methods of splitting recipes, by name."""
@@ -737,11 +712,12 @@ def read_published_split(path: Path, graph: RecipeGraph, *, fold: bool = False) 
         if not (parts == part).any():
             raise SplitError(f"{path}: the {PARTS[part]} part has no recipe of this graph.")
     train, valid = (float(np.mean(parts == part)) for part in (TRAIN, VALID))
-    kind = "by-goal" if _is_whole(groups_of(graph, "by-goal"), parts) else "by-recipe-plain"
+    is_by_goal = _num_divided(groups_of(graph, "by-goal"), parts) == 0
+    kind = "by-goal" if is_by_goal else "by-recipe-plain"
     published = Published(
         file=path.name, sha256=hashlib.sha256(packed).hexdigest(), unknown=unknown
     )
-    return Split(graph, SplitConfig(kind, train, valid), Draw(parts, published=published))
+    return Split(graph, SplitConfig(kind, train, valid), parts, published=published)
 
 
 def _entries(path: Path, data: bytes) -> list[_Entry]:
@@ -820,12 +796,13 @@ def _recipe(graph: RecipeGraph, rows: Ids) -> str:
     return str(graph.recipe_labels(graph.sets[rows[:1]])[0])
 
 
-def _is_whole(groups: Ids, parts: NDArray[np.int8]) -> bool:
-    """Return whether each group is in one part.
+def _num_divided(groups: Ids, parts: NDArray[np.int8]) -> int:
+    """Return the number of groups with recipes in several parts.
 
     Args:
         groups: group of each recipe, shape (num_recipes,).
         parts: part of each recipe, same shape.
     """
-    group_parts = np.unique(np.column_stack([groups, parts]), axis=0)
-    return len(group_parts) == len(np.unique(groups))
+    groups_of_parts = distinct(groups * len(PARTS) + parts) // len(PARTS)
+    _, num_parts = np.unique(groups_of_parts, return_counts=True)
+    return int(np.sum(num_parts > 1))

@@ -22,9 +22,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base import TaskError, one_of, quoted, stage, whole
+from wordcraft_kg.base import TaskError, one_of, stage, whole
 from wordcraft_kg.graphs.arrays import Ids, frozen, padded
-from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.splits import PARTS, Split
 
@@ -57,7 +57,7 @@ class CraftingTask:
 
 @dataclass(frozen=True, eq=False)
 class TaskSet:
-    """Crafting tasks at one depth in a part of a split, as arrays; equal if the content is equal.
+    """Crafting tasks at one depth in a part of a split, as arrays.
 
     Attributes:
         graph: the recipe graph of all tasks.
@@ -82,27 +82,6 @@ class TaskSet:
     plans: tuple[tuple[Rows, ...], ...]
     is_complete: bool
     mixed: int
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, TaskSet):
-            return NotImplemented
-        # Plans end in their goal, so plans and starts suffice.
-        return self._content() == other._content()
-
-    def __hash__(self) -> int:
-        return hash(self._content())
-
-    def _content(self) -> tuple[object, ...]:
-        # Bytes, because arrays are neither hashable nor equal as a whole.
-        return (
-            self.graph,
-            self.depth,
-            self.part,
-            self.starts.tobytes(),
-            self.plans,
-            self.is_complete,
-            self.mixed,
-        )
 
     def __len__(self) -> int:
         return len(self.goals)
@@ -170,23 +149,6 @@ class TaskSet:
             final.append(sorted({pair_of[plan[-1]] for plan in plans}))
         return frozen(padded(final, -1))
 
-    def groups_in(self, split: Split) -> Ids:
-        """Return each task's resampling group, shape (N,).
-
-        It is the split's group of the recipe that makes the goal.
-
-        Tasks of a group were held out together and are alike, so an interval resamples whole
-        groups. If several plans end in different recipes, the first plan counts.
-
-        Args:
-            split: the split from which the tasks' part comes.
-
-        Raises:
-            SplitError: for a split by kind, if the graph has no kinds of recipes.
-        """
-        last_recipes = [plans[0][-1] for plans in self.plans]
-        return frozen(split.groups[last_recipes])
-
     def weights(self, weighting: TaskWeighting = "task") -> NDArray[np.float64]:
         """Return sampling probabilities, shape (N,), that sum to 1.
 
@@ -197,39 +159,6 @@ class TaskSet:
             return np.full(len(self), 1 / max(len(self), 1))
         _, goal, tasks_of_goal = np.unique(self.goals, return_inverse=True, return_counts=True)
         return 1 / (len(tasks_of_goal) * tasks_of_goal[goal])
-
-
-def replay(
-    graph: RecipeGraph,
-    start: Iterable[Entity],
-    plan: Iterable[Recipe],
-) -> frozenset[str]:
-    """Execute a plan and return what is at hand afterwards.
-
-    Args:
-        graph: the recipe graph.
-        start: entities at hand at the start, by id or label.
-        plan: recipes in order of execution.
-
-    Returns:
-        Labels; all results of an attempt are at hand from then on, and nothing is used up.
-
-    Raises:
-        TaskError: if a recipe needs an entity that is not at hand, or is not in the graph.
-        UnknownEntityError: if the graph has no such entity.
-    """
-    at_hand = {graph.entities[graph.id_of(entity)] for entity in start}
-    for recipe in plan:
-        missing = set(recipe.ingredients) - at_hand
-        # Before the check below, so that an unknown entity is named as such.
-        results = graph.labels(graph.results(*recipe.ingredients))
-        if missing:
-            names = ", ".join(map(quoted, sorted(missing)))
-            raise TaskError(f"{recipe}: {names} is not at hand.")
-        if recipe.result not in results:
-            raise TaskError(f"{recipe}: there is no such recipe.")
-        at_hand.update(results)
-    return frozenset(at_hand)
 
 
 # --- search for tasks and plans ------------------------------------------------------------------
@@ -298,29 +227,6 @@ class SolutionSearch:
                 self.recipes_of[result].append((pair, ingredients))
                 rarest = min(ingredients, key=num_uses.__getitem__)
                 self._by_rarest[rarest].append((ingredients, result))
-
-    def plans(
-        self,
-        goal: Entity,
-        at_hand: Iterable[Entity],
-        attempts: int,
-    ) -> list[Rows]:
-        """Return all plans that make a goal in as few attempts as possible.
-
-        Args:
-            goal: entity to make.
-            at_hand: entities at hand at the start.
-            attempts: number of attempts allowed.
-
-        Returns:
-            Plans, sorted; empty if there is none, and one empty plan if the goal is at hand.
-
-        Raises:
-            UnknownEntityError: if the graph has no such entity.
-        """
-        have = frozenset(map(self.graph.id_of, at_hand))
-        target = self.graph.id_of(goal)
-        return self.ordered(self.shortest_ways(target, have, attempts), target, have)
 
     def shortest_ways(
         self,
@@ -513,8 +419,8 @@ def make_tasks(  # noqa: PLR0913 - all that decides a set of tasks, with default
     """Return crafting tasks at a depth, the number of attempts in the shortest plan.
 
     The set has all tasks at depth 1 and, for fewer than :data:`MAX_ENUMERATED` plans, as many of
-    all tasks of depth 2 as ``twice_share`` allows; otherwise it is random, see :class:`_Draw` for
-    the distribution.
+    all tasks of depth 2 as ``twice_share`` allows; otherwise it is random, see
+    :func:`_drawn_candidates` for the distribution.
 
     *Train* tasks are those of a book of the train recipes alone: depth and plans know nothing of
     held-out recipes. With all recipes, a task belongs to *test* if each plan uses a test recipe, to
@@ -566,8 +472,7 @@ def make_tasks(  # noqa: PLR0913 - all that decides a set of tasks, with default
         tasks = _with_share(every_task, depth, twice_share, np.random.default_rng(seed))
         is_complete = len(tasks) == len(every_task)
     else:
-        draw = _Draw(accept, weighting, seed)
-        tasks = _drawn(accept, draw, limit, twice_share)
+        tasks = _drawn(accept, weighting, seed, limit, twice_share)
     if not tasks:
         suffix = f" in the {part} part ({len(accept.mixed)} belong to no part)"
         part_note = "" if part == "all" else suffix
@@ -689,13 +594,18 @@ def _subsets(items: Sequence[int]) -> Iterator[Rows]:
         yield from itertools.combinations(items, size)
 
 
-class _Draw:
-    """Draws goals and leaves of plans, backwards.
+def _drawn_candidates(
+    search: SolutionSearch,
+    depth: int,
+    weighting: TaskWeighting,
+    rng: np.random.Generator,
+) -> Iterator[_Candidate | None]:
+    """Yield goals and leaves of plans, drawn backwards, without end; None for a draw of no plan.
 
     The last step is a random usable recipe (with weighting by goal, a random recipe of a random
-    goal). Then, ``depth - 1`` times, a random leaf with recipes is
-    replaced by a random recipe's ingredients. Draws outside the depth and part, and repeated draws,
-    do not count. So task t is drawn first with probability
+    goal). Then, ``depth - 1`` times, a random leaf with recipes is replaced by a random recipe's
+    ingredients. Draws outside the depth and part, and repeated draws, do not count. So task t is
+    drawn first with probability
 
     ``P(t) = W(t) / sum_t' W(t')``,
     ``W(t) = sum over the ways to build t of q * prod_i 1 / (l_i * r_i)``
@@ -704,61 +614,52 @@ class _Draw:
     goals / number of the goal's recipes), l_i the number of leaves with recipes at the i-th
     replacement, and r_i the number of recipes for the replaced leaf.
     """
+    rows = [search.rows[row] for row in np.flatnonzero(search.usable).tolist()]
+    # Goals in the order of their first recipe: the order decides what a seed draws.
+    goals = list(dict.fromkeys(row[-1] for row in rows if row[-1] not in row[:-1]))
+    last_steps: list[tuple[int, Rows]] = []
+    for goal in goals:
+        last_steps += [(goal, ingredients) for _, ingredients in search.recipes_of[goal]]
+    while last_steps:
+        if weighting == "task":
+            goal, ingredients = last_steps[rng.integers(len(last_steps))]
+        else:
+            goal = goals[rng.integers(len(goals))]
+            recipes = search.recipes_of[goal]
+            _, ingredients = recipes[rng.integers(len(recipes))]
+        leaves = _drawn_leaves(search, goal, ingredients, depth, rng)
+        yield None if leaves is None else (goal, tuple(sorted(leaves)))
 
-    def __init__(
-        self,
-        accept: _Filter,
-        weighting: TaskWeighting,
-        seed: int,
-    ):
-        self.recipes_of = accept.search.recipes_of
-        self.depth = accept.depth
-        self.weighting = weighting
-        self.rng = np.random.default_rng(seed)
-        last: dict[int, list[Rows]] = {}
-        for row in np.flatnonzero(accept.search.usable).tolist():
-            *ids, result = accept.search.rows[row]
-            if result not in ids:
-                ingredients = (
-                    entity for entity in ids if entity != accept.search.graph.num_entities
-                )
-                last.setdefault(result, []).append(tuple(ingredients))
-        # Goals in the order of their first recipe: the order decides what a seed draws.
-        self.by_goal = list(last.items())
-        self.last_steps: list[tuple[int, Rows]] = []
-        for goal, ingredient_sets in self.by_goal:
-            self.last_steps += [(goal, ingredients) for ingredients in ingredient_sets]
 
-    def __call__(self) -> _Candidate | None:
-        """Draw once; None if the drawn steps are no plan of this depth."""
-        goal, ingredients = self._last_step()
-        crafted_ids = {goal}
-        leaves = {*ingredients}
-        for _ in range(self.depth - 1):
-            # Sorted, because no promise of Python fixes the order of a set.
-            open_leaves = sorted(leaf for leaf in leaves if self.recipes_of[leaf])
-            if not open_leaves:
-                return None
-            leaf = open_leaves[self.rng.integers(len(open_leaves))]
-            recipes = self.recipes_of[leaf]
-            _, ingredients = recipes[self.rng.integers(len(recipes))]
-            crafted_ids.add(leaf)
-            leaves = leaves.union(ingredients) - crafted_ids
-            if not crafted_ids.isdisjoint(ingredients):
-                return None  # a circle, or an entity that is made already
-        return goal, tuple(sorted(leaves))
-
-    def _last_step(self) -> tuple[int, Rows]:
-        """Draw a goal and the ingredients that make it."""
-        if self.weighting == "task":
-            return self.last_steps[self.rng.integers(len(self.last_steps))]
-        goal, ingredient_sets = self.by_goal[self.rng.integers(len(self.by_goal))]
-        return goal, ingredient_sets[self.rng.integers(len(ingredient_sets))]
+def _drawn_leaves(
+    search: SolutionSearch,
+    goal: int,
+    ingredients: Rows,
+    depth: int,
+    rng: np.random.Generator,
+) -> set[int] | None:
+    """Draw the leaves of a plan by its last step; None if the steps are no plan of this depth."""
+    crafted_ids = {goal}
+    leaves = {*ingredients}
+    for _ in range(depth - 1):
+        # Sorted, because no promise of Python fixes the order of a set.
+        open_leaves = sorted(leaf for leaf in leaves if search.recipes_of[leaf])
+        if not open_leaves:
+            return None
+        leaf = open_leaves[rng.integers(len(open_leaves))]
+        recipes = search.recipes_of[leaf]
+        _, ingredients = recipes[rng.integers(len(recipes))]
+        crafted_ids.add(leaf)
+        leaves = leaves.union(ingredients) - crafted_ids
+        if not crafted_ids.isdisjoint(ingredients):
+            return None  # a circle, or an entity that is made already
+    return leaves
 
 
 def _drawn(
     accept: _Filter,
-    draw: _Draw,
+    weighting: TaskWeighting,
+    seed: int,
     limit: int,
     share: float | None,
 ) -> dict[_Candidate, Plans]:
@@ -767,19 +668,21 @@ def _drawn(
     Once the set has its share of tasks that use an entity twice, or of the others, further ones of
     the kind count as draws without a new task.
     """
+    rng = np.random.default_rng(seed)
     tasks: dict[_Candidate, Plans] = {}
     tries = 0
     room = {True: limit, False: limit}
     if share is not None:
         room[True] = round(limit * share)
         room[False] = limit - room[True]
+    candidates = _drawn_candidates(accept.search, accept.depth, weighting, rng)
     # Most draws of a deep task fail, and a small part has few tasks: stop after many failures.
-    while draw.last_steps and len(tasks) < limit and tries < _TRIES:
+    while len(tasks) < limit and tries < _TRIES:
         tries += 1
-        candidate = draw()
+        candidate = next(candidates, None)
         if candidate is None or candidate in tasks:
             continue
-        is_twice = len(candidate[1]) <= draw.depth
+        is_twice = len(candidate[1]) <= accept.depth
         if not room[is_twice]:
             continue
         plans = accept(candidate)
@@ -789,4 +692,4 @@ def _drawn(
             tries = 0
     if len(tasks) == limit:
         return tasks
-    return _with_share(tasks, draw.depth, share, draw.rng)
+    return _with_share(tasks, accept.depth, share, rng)

@@ -21,7 +21,7 @@ from wordcraft_kg.base import ConfigError, GraphMismatchError, number_in, refuse
 from wordcraft_kg.base.settings import SMALLEST
 from wordcraft_kg.graphs.arrays import Ids, frozen
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.splits import Split
+from wordcraft_kg.graphs.splits import Split, groups_of
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.graphs.triples import COMPONENT_OF, recipe_triples
 
@@ -78,16 +78,6 @@ class TrainSample:
     def sets(self) -> Ids:
         """All recipes of the sample, with their results in the sample, as ``graph.sets``."""
         return frozen(self.among(self.is_trained_on))
-
-    @property
-    def recipes(self) -> Ids:
-        """All recipes of a sample of pairs, shape (n, 3), rows (a, b, result).
-
-        Raises:
-            GraphError: if a recipe of the graph has more than two ingredients, or one.
-        """
-        _ = self.graph.recipes
-        return self.sets
 
     @cached_property
     def triples(self) -> Ids:
@@ -312,9 +302,8 @@ class Folds:
     @property
     def is_subsample(self) -> bool:
         """Whether the train sample differs from the train recipes: fewer, or wrong results."""
-        sample = self.train_sample
-        is_smaller = (sample.is_trained_on != self.split.is_in("train")).any()
-        return bool(is_smaller or sample.is_wrong.any())
+        whole_part = TrainSample.of(self.split.graph, self.split.is_in("train"))
+        return bool((self.train_sample.results != whole_part.results).any())
 
     def seen(self, left_out: Collection[int] = ()) -> NDArray[np.bool_]:
         """Mark the recipes that a model without the ``left_out`` folds has seen.
@@ -419,8 +408,10 @@ def make_folds(
     """
     whole("folds", count, 2)
     rows = np.flatnonzero(split.is_in("train"))
-    # The split's own groups: then a fold is as new to a model as the test part.
-    groups, group_of_row = np.unique(split.train_groups, return_inverse=True)
+    # The split's own groups, found without held-out recipes: then a fold is as new to a model as
+    # the test part.
+    train_groups = groups_of(split.graph.part(split.is_in("train")), split.config.kind)
+    groups, group_of_row = np.unique(train_groups, return_inverse=True)
     if len(groups) < 2:
         raise ConfigError(
             f"the {split.config.kind} split keeps all train recipes together, so none can be left "

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from types import SimpleNamespace
 
 from wordcraft_kg.apps.people.study import read_study
+from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
 
 
@@ -27,6 +28,14 @@ def answered(protocol, task, is_right, seconds=1.0):
     one, other = (task.table.index(label) for label in task.plans[0][:2])
     wrong = next(slot for slot in range(len(task.table)) if slot not in (one, other))
     return protocol.answer(task, (one, other) if is_right else (wrong, wrong), seconds)
+
+
+def posed(protocol, seed, part, number):
+    """Return an environment with a task of a protocol, and its observation."""
+    task = protocol.task(seed, part, number)
+    env = WordCraftEnv(protocol.world.variant(part=part))
+    observation, _ = env.reset(options={"task": task.index, "table": task.table})
+    return env, observation
 
 
 def go_on(answers, study, person, count=6):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.apps.people.stored import answered, other_world
+from tests.apps.people.stored import answered, other_world, posed
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.apps.people.answers_database import Cell, Participant, StoredAnswer
 from wordcraft_kg.apps.people.study import HumanStudy, ReadStudy, Session
@@ -165,8 +165,8 @@ def test_an_agent_is_compared_at_the_table_of_each_answer(agent):
         for seed, one in zip((0, 0, 1), people, strict=True):
             for answer in one.answers:
                 if answer.part == part:
-                    posed = study.protocol(one.cell).pose(seed, part, answer.number)
-                    expected.append(is_solved(agent.policy, *posed))
+                    shown = posed(study.protocol(one.cell), seed, part, answer.number)
+                    expected.append(is_solved(agent.policy, *shown))
         rate = row.agents["guided"]
         assert (rate.successes, row.answered) == (sum(expected), len(expected))
         assert 0 < rate.rate == sum(expected) / len(expected) < 1

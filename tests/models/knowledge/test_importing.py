@@ -10,7 +10,7 @@ import torch
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, KnowledgeFileError
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.graphs.export import export_graph
-from wordcraft_kg.graphs.splits import Draw, Split
+from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.models.knowledge import surroundings
 from wordcraft_kg.models.knowledge.importing import import_knowledge
 from wordcraft_kg.models.knowledge.knowledge_folder import read_knowledge
@@ -174,7 +174,7 @@ def test_held_out_recipes_have_no_influence(wordnet, tmp_path):
             [2 * (tuple(recipe) in held_out) for recipe in graph.recipe_labels()], dtype=np.int8
         )
         assert parts.sum() == 2 * len(held_out)
-        opened = OpenedGraph(graph, Split(graph, SplitConfig(), Draw(parts, 0)), "")
+        opened = OpenedGraph(graph, Split(graph, SplitConfig(), parts), "")
         out = tmp_path / str(len(held_out))
         import_knowledge(opened, "wordnet", wordnet, out)
         files = [

@@ -445,7 +445,7 @@ def test_models_and_baselines_share_triples_and_knowledge(with_train_sample, ope
 def test_other_link_predictors_learn_from_a_train_sample(opened_kitchen, tmp_path):
     settings = LinkModelConfig(model="distmult", dim=4, epochs=1, folds=0, train_fraction=0.1)
     model = open_model(train(opened_kitchen, settings, tmp_path / "distmult").folder)
-    assert (len(model.train_sample.recipes), model.metrics.triples) == (26, len(model.triples))
+    assert (len(model.train_sample.sets), model.metrics.triples) == (26, len(model.triples))
 
 
 @pytest.mark.slow
@@ -455,7 +455,7 @@ def test_a_recipe_scorer_knows_its_train_sample_and_no_more(opened_kitchen, tmp_
     )
     trained = train_recipes(RecipesConfig(opened_kitchen.source, settings), tmp_path / "recipes")
     model, folds = open_model(trained.folder), folds_of(opened_kitchen)
-    np.testing.assert_array_equal(model.scorer.whole.recipes.numpy(), folds.train_sample.recipes)
+    np.testing.assert_array_equal(model.scorer.whole.recipes.numpy(), folds.train_sample.sets)
     np.testing.assert_array_equal(model.triples, folds.train_sample.triples)
     for fold in range(3):
         np.testing.assert_array_equal(

@@ -19,7 +19,7 @@ from short_fits import assert_sources_are_restored, short_fits, words_of
 
 from wordcraft_kg import RecipeGraph, WordCraftConfig, World, load_scorer, open_graph, open_model
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig, make_split
+from wordcraft_kg.graphs.splits import Split, SplitConfig, make_split
 from wordcraft_kg.graphs.train_samples import Folds, make_folds
 from wordcraft_kg.models.knowledge.books import open_other_book
 from wordcraft_kg.models.recipes import encoder_fitting, fitting, recipe_config, recipe_training
@@ -115,7 +115,7 @@ def test_a_changed_result_of_a_fold_leaves_the_scorer_without_it_alone():
     order = [place[tuple(recipe)] for recipe in changed.recipes.tolist()]
     of_recipe = folds.of_recipe[order]
     other = Folds(
-        Split(changed, SplitConfig(), Draw(np.where(of_recipe < 0, 2, 0).astype(np.int8))),
+        Split(changed, SplitConfig(), np.where(of_recipe < 0, 2, 0).astype(np.int8)),
         3,
         0,
         of_recipe,

@@ -22,7 +22,7 @@ from wordcraft_kg import (
     train_recipes,
 )
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig
+from wordcraft_kg.graphs.splits import Split, SplitConfig
 from wordcraft_kg.graphs.triples import is_in
 from wordcraft_kg.models.knowledge.books import open_other_book, with_words_of
 from wordcraft_kg.models.knowledge.knowledge_folder import (
@@ -275,7 +275,7 @@ def test_a_zero_shot_scorer_has_seen_no_recipe_of_the_book(opened, teacher, tmp_
         opened.graph.entities, np.unique(np.concatenate([held_out, rest]), axis=0), []
     )
     parts = np.where(is_in(graph.recipes, held_out, 12), 2, 0).astype(np.int8)
-    other = replace(opened, graph=graph, split=Split(graph, opened.split.config, Draw(parts)))
+    other = replace(opened, graph=graph, split=Split(graph, opened.split.config, parts))
     folds = [join_books([teacher], each, "random", folds=3).folds.hash for each in (opened, other)]
     assert folds[0] == folds[1]
 

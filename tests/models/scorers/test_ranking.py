@@ -15,7 +15,7 @@ from small_scorers import table_scorer
 
 from wordcraft_kg.base import ArtefactError, as_values
 from wordcraft_kg.base.statistics import interval
-from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig
+from wordcraft_kg.graphs.splits import Split, SplitConfig
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples, triple_keys
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.complex import ComplExN3
@@ -211,7 +211,7 @@ def test_groups_of_triples_are_the_first_groups_that_give_them(
     chosen = np.random.default_rng(seed).random(graph.num_recipes) < share
     chosen[0] = True
     triples = recipe_triples(graph.recipes[chosen])
-    split = Split(graph, SplitConfig(kind), Draw(np.zeros(graph.num_recipes, dtype=np.int8)))
+    split = Split(graph, SplitConfig(kind), np.zeros(graph.num_recipes, dtype=np.int8))
     found = triple_groups(split, chosen, triples).tolist()
     groups = split.groups[chosen].tolist()
     for triple, group in zip(triples.tolist(), found, strict=True):

@@ -1,6 +1,6 @@
 """The paper's protocol for people: tasks in order, and answers."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -8,8 +8,7 @@ import numpy as np
 
 from wordcraft_kg.apps.people.study_config import TASKS_PER_PART
 from wordcraft_kg.base import Record, whole
-from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
-from wordcraft_kg.envs.words import results_of, table_labels
+from wordcraft_kg.envs.words import results_of
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import GraphLike, Recipe
@@ -41,6 +40,38 @@ def episode_seed(seed: int, part: str, number: int) -> int:
     whole("seed", seed, 0)
     sequence = np.random.SeedSequence(seed, spawn_key=(_SEED_KEYS.index(part), number))
     return int(sequence.generate_state(1)[0])
+
+
+def _drawn(world: World, seed: int) -> tuple[int, list[int]]:
+    """Draw the index of a task and the ids on its table, in the order of the slots.
+
+    Not by :mod:`wordcraft_kg.envs.draws`, though of the same distribution: a study stores its seed
+    alone, and these draws must never change.
+    """
+    uniform = _uniform(seed)
+    task = int(next(uniform) * len(world.tasks))
+    table = world.without_nothing(world.tasks.starts[task].tolist())
+    size = len(table) + int(world.num_drawn[task])
+    taken = {int(world.tasks.goals[task]), *table}
+    weight_ends = np.cumsum(world.distractor_weights)
+    while len(table) < size:
+        share = int(next(uniform) * weight_ends[-1])
+        entity = int(np.searchsorted(weight_ends, share, side="right"))
+        if entity not in taken:
+            taken.add(entity)
+            table.append(entity)
+    # The shuffle of Fisher and Yates.
+    for last in range(size - 1, 0, -1):
+        place = int(next(uniform) * (last + 1))
+        table[last], table[place] = table[place], table[last]
+    return task, table
+
+
+def _uniform(seed: int) -> Iterator[float]:
+    """Yield the uniform numbers of a seed."""
+    rng = np.random.default_rng(seed)
+    while True:
+        yield from reversed(rng.random(1_024).tolist())
 
 
 class Answer(Record):
@@ -104,16 +135,16 @@ class HumanProtocol:
 
     Tasks have depth 1 and one attempt. Tasks and tables are sampled as for agents and depend only
     on graph, split, number of distractors and seed. A shorter protocol is the start of a longer
-    protocol. The environments have the state of one episode: use them in one thread at a time.
+    protocol.
 
     Attributes:
-        world: graph, split and settings, shared by the environments of both parts.
+        world: graph, split and settings, shared by the worlds of both parts.
 
     Source: Jiang et al. 2020, human evaluation (one person with 1 distractor, another with 8).
     """
 
     def __init__(self, graph: GraphLike | World, num_distractors: int = 8):
-        """Prepare environments for both parts, with a shared world.
+        """Prepare the tasks of both parts.
 
         Args:
             graph: the graph with its split; a world shares what does not depend on the settings.
@@ -126,7 +157,7 @@ class HumanProtocol:
             ArtefactError: if a graph folder is damaged.
         """
         self.world = World.open(graph, WordCraftConfig(num_distractors=num_distractors))
-        self._envs = {part: WordCraftEnv(self.world.variant(part=part)) for part in HUMAN_PARTS}
+        self._worlds = {part: self.world.variant(part=part) for part in HUMAN_PARTS}
 
     @property
     def settings(self) -> dict[str, int | str]:
@@ -141,19 +172,6 @@ class HumanProtocol:
         )
         return {name: getattr(self.world.config, name) for name in names}
 
-    def pose(self, seed: int, part: str, number: int) -> tuple[WordCraftEnv, Observation]:
-        """Start the episode for a task; return environment and observation.
-
-        Args:
-            seed: seed of the session, from 0.
-            part: train or test.
-            number: number of the task in its part, from 1.
-        """
-        # A seed for each episode: a task does not depend on how many were posed before it.
-        env = self._envs[part]
-        observation, _ = env.reset(seed=episode_seed(seed, part, number))
-        return env, observation
-
     def task(self, seed: int, part: str, number: int) -> PosedTask:
         """Return a task.
 
@@ -162,11 +180,12 @@ class HumanProtocol:
             part: train or test.
             number: number of the task in its part, from 1.
         """
-        env, observation = self.pose(seed, part, number)
-        plans = tuple(plan[0] for plan in env.task.plans)
-        return PosedTask(
-            part, number, env.task.goal, table_labels(env, observation), plans, env.state.task
-        )
+        # A seed for each episode: a task does not depend on how many were posed before it.
+        world = self._worlds[part]
+        index, table = _drawn(world, episode_seed(seed, part, number))
+        task = world.tasks[index]
+        plans = tuple(plan[0] for plan in task.plans)
+        return PosedTask(part, number, task.goal, world.graph.labels(table), plans, index)
 
     @property
     def most_picks(self) -> int:
@@ -185,7 +204,7 @@ class HumanProtocol:
             IndexError: for a slot beyond the table.
         """
         actions = tuple(map(task.table.__getitem__, slots))
-        results = results_of(self._envs[task.part], *actions)
+        results = results_of(self._worlds[task.part], *actions)
         return Answer(
             part=task.part,
             number=task.number,

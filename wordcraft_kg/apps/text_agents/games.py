@@ -200,7 +200,7 @@ class TaskGame(Game):
             info = self._step(action)
         self.is_made = info["outcome"] == "goal"
         self.by_plan = info["by_plan"]
-        text = combined(pair, results_of(self._env, *pair))
+        text = combined(pair, results_of(self.world, *pair))
         # The order of a pair has no meaning.
         key = tuple(sorted(pair))
         if key in self._tried:

@@ -199,11 +199,8 @@ class ImpalaConfig:
             otherwise 0.
         seed: root seed for initialisation, environments and actions.
         device: torch device for environments, actor and learner: cpu or cuda.
-        threads: CPU threads. With a recipe scorer, and on the CPU, further threads score the next
-            tables while the policy learns on one: 2 are a quarter faster, with the same bits.
-            Without one, 2 are about as fast as 1, because the matrices are small.
-        compile: compile actor and learner first; takes a minute and, on a CPU, needs a C++
-            compiler.
+        threads: CPU threads, with a recipe scorer those of its loops. Without one, 2 are about as
+            fast as 1, because the matrices are small.
         log_every: environment steps between two lines in metrics.jsonl.
         eval_every: environment steps between two points on the learning curves; 0 evaluates only
             after training.
@@ -238,7 +235,6 @@ class ImpalaConfig:
     seed: int = 0
     device: str = "cpu"
     threads: int = 1
-    compile: bool = False
     log_every: int = 10_000
     eval_every: int = 100_000
     checkpoint_every: int = 100_000

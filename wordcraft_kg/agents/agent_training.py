@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import msgspec
-import torch
 
 from wordcraft_kg.agents.agent_config import AgentConfig
 from wordcraft_kg.agents.agent_folder import AGENTS, INPUTS, policy_at
@@ -34,7 +33,7 @@ from wordcraft_kg.agents.agent_records import (
     read_summary,
 )
 from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
-from wordcraft_kg.agents.impala import Impala, check_compiler
+from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.plan_weights import fit_plan_weights
 from wordcraft_kg.base import (
     ArtefactError,
@@ -170,15 +169,13 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
     config_type = AgentConfig
 
     def __init__(self, config: AgentConfig, opened: OpenedGraph):
-        """Check that the device and the compiler are available, before a folder is replaced.
+        """Check that the device is available, before a folder is replaced.
 
         Raises:
             ConfigError: if not.
         """
         super().__init__(config, opened)
         check_device(config.trainer.device)
-        if config.trainer.compile:
-            check_compiler(torch.device(config.trainer.device))
 
     @classmethod
     def settled(cls, config: AgentConfig, opened: OpenedGraph) -> AgentConfig:  # noqa: D102
@@ -330,10 +327,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         checkpoint_every = self._in_updates(trainer.checkpoint_every)
         # Without learning curves, there is a point at the end alone.
         eval_every = self._in_updates(trainer.eval_every) if trainer.eval_every else trainer.updates
-        # Where a recipe scorer's loops use the threads, torch's own would only wait, and waiting
-        # takes the processor's time from the loops.
-        threads = 1 if self.impala.scores_ahead else trainer.threads
-        with self.impala, torch_threads(threads):
+        with torch_threads(self.impala.threads):
             # A checkpoint before the first update, so that a run killed early can be resumed.
             if run.checkpoints.last is None:
                 self._save()

@@ -91,7 +91,6 @@ FILE_ONLY = {
         "--batch-size",
         "--checkpoint-every",
         "--clip",
-        "--compile",
         "--discount",
         "--distractor-policy",
         "--distractor-weighting",

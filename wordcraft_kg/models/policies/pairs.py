@@ -344,8 +344,8 @@ def _used_slots(table: Tensor, nothing: int) -> int:
     """Return the number of slots up to the last one that is filled in any table, 1 or more."""
     slots = table.shape[1]
     # Free slots for results are a large share of a table, and the cost of pairs is quadratic. On a
-    # device, asking would wait for pending work, and compiled code expects the same shapes.
-    if table.device.type != "cpu" or torch.compiler.is_compiling():
+    # device, asking would wait for pending work.
+    if table.device.type != "cpu":
         return slots
     filled = (table != nothing).any(0).nonzero()
     return int(filled[-1]) + 1 if len(filled) else 1

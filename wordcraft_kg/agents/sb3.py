@@ -27,7 +27,6 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import TaskNumbers
 from wordcraft_kg.graphs.graph_folder import GraphLike
 from wordcraft_kg.models.policies.policy import Policy, PolicyOutput
-from wordcraft_kg.models.policies.sources.source import FoldedSource
 from wordcraft_kg.models.policies.states import States
 
 try:
@@ -204,16 +203,7 @@ class _NetworkPolicy(BasePolicy):
 
     def _bound_to(self) -> list[str]:
         """Return the hashes of the tasks that the sources' task numbers index."""
-        return [source.bound_to for source in _folded(self.network)]
-
-
-def _folded(network: Policy) -> list[FoldedSource]:
-    """Return the sources whose scores depend on the task."""
-    return [
-        source
-        for source in network.sources.values()
-        if isinstance(source, FoldedSource) and source.reads_task
-    ]
+        return [source.bound_to for source in self.network.folded_sources]
 
 
 class SB3Policy(_NetworkPolicy, ActorCriticPolicy):
@@ -279,7 +269,7 @@ def _check_tasks(task: spaces.Space[Any] | None, network: Policy) -> None:
             "the policy's scorer is cross-fitted, so its scores depend on the task, but the "
             "observations have no task index. Wrap the environment: TaskObservation(env)."
         )
-    amounts = {len(source.model_of_task) for source in _folded(network) if source.bound_to}
+    amounts = {len(source.model_of_task) for source in network.folded_sources if source.bound_to}
     if isinstance(task, spaces.Discrete) and amounts and amounts != {task.n}:
         raise ConfigError(
             f"the policy was made for {max(amounts) - 1:,} tasks but the environment has "

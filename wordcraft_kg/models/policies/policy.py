@@ -10,7 +10,7 @@ from wordcraft_kg.base import ArtefactError, UnknownEntityError, nearest, refuse
 from wordcraft_kg.graphs import Entity, TaskSet
 from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.policies.sources import ALPHA, Label
-from wordcraft_kg.models.policies.sources.source import Source
+from wordcraft_kg.models.policies.sources.source import FoldedSource, Source
 from wordcraft_kg.models.policies.states import Attempts, States
 
 Weights = dict[str, Tensor]
@@ -307,6 +307,12 @@ class Policy(nn.Module):
         if not self.config.kg_only:
             sources = torch.cat([logits[:, None], external_scores], dim=1)
         return PolicyOutput(mix_logits(sources, lambdas, mask), value, sources, lambdas)
+
+    @property
+    def folded_sources(self) -> list[FoldedSource]:
+        """Sources with a model per left-out fold, whose scores depend on the task."""
+        sources = self.sources.values()
+        return [each for each in sources if isinstance(each, FoldedSource) and each.reads_task]
 
     @property
     def reads_task(self) -> bool:

@@ -334,13 +334,6 @@ class BestRecipe(FoldedSource):
             evidence.append(Evidence(partner, tuple(supporting)))
         return tuple(evidence)
 
-    def knows(self, recipes: Tensor, model: int) -> Tensor:
-        """Return a mask of the recipes (n, 3) in a model's training data, shape (n,).
-
-        A model may know fewer recipes than its folds say, if it was trained on a sample of them.
-        """
-        return self.knowledge.knows(recipes, model)
-
     def pair_scores(self, states: States, model: Tensor) -> Tensor:
         """Return scores for all slot pairs, shape (B, A, A), by models ``model``, shape (B,)."""
         return self.knowledge(states.goal, states.table, model)

@@ -10,6 +10,7 @@ unless a source scores the action to combine.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 import torch
@@ -17,12 +18,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.agents.states import ROWS, bind_tasks, states_of
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.envs.batch import State
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Ids, RecipeGraph, Split, TaskSet
 from wordcraft_kg.models.policies.sources import with_letters
-from wordcraft_kg.models.policies.sources.pairs import SetTable
-from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
@@ -430,13 +430,15 @@ def scorer_players(
             "u+v, self edges observed": of("u", "v", self_edges="observed"),
             "u+v, self edges dropped": of("u", "v", self_edges="drop"),
         }
-    # The sources w and p refuse train tasks, where scores would be in-sample.
-    if BestRecipe.serves(scorer):
-        players[BEST_PAIR if graph.has_pairs_only else BEST_SET] = of("w")
-    if SetTable.serves(scorer) and graph.has_pairs_only:
-        players[BEST_IN_TABLE] = of("t")
-    if plans and BestPlan.serves(scorer):
-        players[PLANNER] = of("p")
+    sources = {BEST_PAIR if graph.has_pairs_only else BEST_SET: "w"}
+    if graph.has_pairs_only:
+        sources[BEST_IN_TABLE] = "t"
+    if plans:
+        sources[PLANNER] = "p"
+    for name, source in sources.items():
+        # Without the players of sources that the scorer cannot serve.
+        with suppress(ConfigError):
+            players[name] = of(source)
     return players
 
 

@@ -6,7 +6,7 @@ of whole sets.
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
-from typing import NamedTuple, Self
+from typing import NamedTuple, Self, cast
 
 import numpy as np
 import torch
@@ -121,9 +121,8 @@ class BestSet(FoldedSource):
 
     @classmethod
     def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> Self:  # noqa: D102 - inherited
-        models = [model for model, _ in models_of(scorer, view)]
-        set_models = [model for model in models if isinstance(model, SetScorer)]
-        return cls(len(scorer.entities), set_models, cls.fold_numbers(scorer, view)).bound(view)
+        models = [cast("SetScorer", model) for model, _ in models_of(scorer, view)]
+        return cls(len(scorer.entities), models, cls.fold_numbers(scorer, view))
 
     @classmethod
     def restored(  # noqa: D102 - inherited
@@ -271,12 +270,7 @@ class BestRecipe(FoldedSource):
             )
         size = len(scorer.entities)
         fold_numbers = cls.fold_numbers(scorer, view)
-        return cls(size, knowledge_of_models(scorer, view), fold_numbers).bound(view)
-
-    @staticmethod
-    def serves(scorer: TripleScorer) -> bool:
-        """Return whether a scorer has recipe scores, which this source needs."""
-        return isinstance(whole_of(scorer), RecipeScorer | SetScorer)
+        return cls(size, knowledge_of_models(scorer, view), fold_numbers)
 
     @classmethod
     def restored(  # noqa: D102 - inherited

@@ -116,7 +116,6 @@ class SlowImpala:
         self.actors = []
         self.updates = 0
         self.squares = [torch.zeros_like(parameter) for parameter in self.policy.parameters()]
-        self.velocities = [torch.zeros_like(parameter) for parameter in self.policy.parameters()]
 
     def look(self, policy, state):
         """Return log-probabilities by slot of the entities that are there, the value, and λ."""
@@ -228,8 +227,7 @@ class SlowImpala:
                 config.rms_decay * self.squares[i] + (1 - config.rms_decay) * gradient**2
             )
             step = gradient / (self.squares[i].sqrt() + config.rms_epsilon)
-            self.velocities[i] = config.momentum * self.velocities[i] + step
-            parameter.data -= rate * self.velocities[i]
+            parameter.data -= rate * step
         self.updates += 1
 
 
@@ -237,7 +235,7 @@ class SlowImpala:
     ("depth", "unroll", "settings"),
     [
         (1, 1, {}),
-        pytest.param(1, 2, {"momentum": 0.9, "discount": 0.7}, marks=pytest.mark.slow),
+        pytest.param(1, 2, {"discount": 0.7}, marks=pytest.mark.slow),
         pytest.param(1, 3, {"entropy_cost": 0.3, "baseline_cost": 1.5}, marks=pytest.mark.slow),
         pytest.param(2, 1, {"policy_lag": 1}, marks=pytest.mark.slow),
         (2, 2, {"rms_decay": 0.8, "clip": 2.0, "policy_lag": 2}),
@@ -245,7 +243,7 @@ class SlowImpala:
         pytest.param(
             2,
             3,
-            {"policy": {"value_readout": "logits"}, "policy_lag": 2, "momentum": 0.5},
+            {"policy": {"value_readout": "logits"}, "policy_lag": 2},
             marks=pytest.mark.slow,
         ),
         (2, 3, {"scorer": "frequency", "policy_lag": 1}),
@@ -426,7 +424,7 @@ def test_a_second_thread_changes_no_bit(trainer, cross_fitted, depth, unroll, us
 
 @pytest.mark.parametrize(
     ("depth", "unroll", "settings"),
-    [(1, 2, {}), pytest.param(2, 3, {"policy_lag": 2, "momentum": 0.9}, marks=pytest.mark.slow)],
+    [(1, 2, {}), pytest.param(2, 3, {"policy_lag": 2}, marks=pytest.mark.slow)],
 )
 def test_torch_environments_train_the_same_as_numpy_ones(trainer, depth, unroll, settings):
     one, other = (
@@ -454,23 +452,22 @@ def test_the_last_update_has_almost_no_rate_and_there_is_none_after_it(trainer):
     assert moves[10] == moves[11] == 0
 
 
-RESTORED = ((2, 0.9, True, 7),)
+RESTORED = ((2, True, 7),)
 
 
 @pytest.mark.parametrize(
-    ("lag", "momentum", "guided", "updates"),
+    ("lag", "guided", "updates"),
     [
-        pytest.param(*case, *learned, marks=[] if (*case, *learned) in RESTORED else SLOW)
-        for case in itertools.product((0, 2), (0.0, 0.9))
+        pytest.param(lag, *learned, marks=[] if (lag, *learned) in RESTORED else SLOW)
+        for lag in (0, 2)
         for learned in ((False, 7), (True, 7), (False, 0))
     ],
 )
-def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, lag, momentum, guided, updates):
+def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, lag, guided, updates):
     settings = {
         "depth": 2,
         "unroll": 3,
         "policy_lag": lag,
-        "momentum": momentum,
         "scorer": scorer if guided else None,
     }
     one = trainer(**settings)
@@ -496,18 +493,16 @@ def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, lag, momentum, 
 
 def test_an_incomplete_or_foreign_state_is_refused(trainer):
     """A state that lacks something or is of other environments is refused."""
-    impala = trainer(momentum=0.5)
+    impala = trainer()
     train(impala, 2)
     state = impala.state()
     for name in ("policy.attention.key.weight", "engine.goal", "sums", "generator", "update"):
         with pytest.raises(KeyError, match=name):
-            trainer(momentum=0.5).restore(
-                {other: tensor for other, tensor in state.items() if other != name}
-            )
+            trainer().restore({other: tensor for other, tensor in state.items() if other != name})
     with pytest.raises(ConfigError, match="state of another engine"):
-        trainer(momentum=0.5, batch_size=4).restore(state)
+        trainer(batch_size=4).restore(state)
     with pytest.raises(RuntimeError, match="size"):
-        trainer(momentum=0.5, policy={"key_size": 6}).restore(state)
+        trainer(policy={"key_size": 6}).restore(state)
 
 
 def test_a_reward_that_is_not_finite_stops_the_training(trainer, monkeypatch):

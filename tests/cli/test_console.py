@@ -154,13 +154,11 @@ def test_every_help_has_usage_examples_and_at_most_thirty_options(run):
 
 
 def test_options_of_the_file_are_refused_on_the_command_line(run, refused):
-    refused(
-        "train-agent", "kitchen", "--momentum", "0.5", says="`momentum = ...` below [train-agent]"
-    )
+    refused("train-agent", "kitchen", "--clip", "0.5", says="`clip = ...` below [train-agent]")
     text = " ".join(run("train-agent", "--help").out.split())
     assert "Further settings, by --config FILE in a table [train-agent]: ambiguity," in text
-    assert " momentum, " in text
-    assert "--momentum" not in text
+    assert " clip, " in text
+    assert "--clip" not in text
 
 
 EXAMPLES = [(name, example) for name in ALL for example in manual_of(name).examples]

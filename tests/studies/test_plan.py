@@ -182,7 +182,6 @@ def test_defaults_are_those_that_addresses_stand_for():
         0.001,
         0.99,
         0.01,
-        0.0,
         0.01,
         0.5,
         0.0,

@@ -58,8 +58,7 @@ from wordcraft_kg.models.policies.policy_folder import (
     write_parameters,
 )
 from wordcraft_kg.models.policies.sources import need_no_scorer
-from wordcraft_kg.models.policies.sources.registry import tables_are_too_large
-from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
+from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.scorer_folder import FOLDS_TENSORS, MODEL, WEIGHTS
 from wordcraft_kg.planning.source import BestPlan, P
 from wordcraft_kg.runs.checkpoints import Checkpoint
@@ -258,9 +257,6 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             model = open_model(Path(config.scorer), self.opened.source)
             scorer = model.scorer
             observed = model.triples
-            # Checked before the tasks are made, which takes long for a large graph.
-            main_model = whole_of(scorer) if config.policy.in_sample else scorer
-            tables_are_too_large(config.policy.sources, main_model, config.policy.score_scale)
             self.facts["kg"] = model.kg
             folds = folds_of(scorer)
             if folds is not None and not config.policy.in_sample:
@@ -510,6 +506,17 @@ def _episode_lines(world: World, results: Mapping[TaskPart, Evaluation]) -> Iter
             yield json_text(msgspec.to_builtins(row)) + "\n"
 
 
+_NOTES: Mapping[str | None, str] = {
+    "full": (
+        "\nThe scorer was trained on all triples, including test triples: success on test tasks "
+        "measures the use of a perfect source, not generalisation.\n"
+    ),
+    "none": (
+        "\nThe scorer was not trained on any recipe in the graph, so it treats train and test "
+        "tasks alike, unless its source (such as a language model) knew recipes in this book.\n"
+    ),
+}
+"""Notes on scorers of other recipes than the train recipes."""
 _KINDS = {
     "pairs": "Actor-critic on pairs",
     "attention": "Self-attention actor-critic",
@@ -569,19 +576,8 @@ def _guide(config: AgentConfig, run: RunRecord) -> str:
 
 def _note_on_scores(run: RunRecord) -> str:
     """Return a paragraph on what the scorer knew of the tasks; empty without a scorer."""
-    if run.kg is None:
-        return ""
-    if run.kg == "full":
-        return (
-            "\nThe scorer was trained on all triples, including test triples: success on test "
-            "tasks measures the use of a perfect source, not generalisation.\n"
-        )
-    if run.kg == "none":
-        return (
-            "\nThe scorer was not trained on any recipe in the graph, so it treats train and test "
-            "tasks alike, unless its source (such as a language model) knew recipes in this "
-            "book.\n"
-        )
+    if run.kg != "partial":
+        return _NOTES.get(run.kg, "")
     if run.cross_fitted:
         return (
             f"\nThe scorer is cross-fitted in {run.cross_fitted} folds: a model trained without "

@@ -81,17 +81,16 @@ def player_of(policy: Policy, kind: str) -> Player:
         ConfigError: for ``kg-only`` and a policy without a scorer.
         KeyError: for another ``kind``.
     """
-    if kind == "kg-only":
-        if not policy.sources:
-            raise ConfigError(
-                "`agent` 'kg-only' plays by the run's scorer, but this run was trained without a "
-                "scorer."
-            )
-        return knowledge_player(list(policy.sources.values()))
+    if kind == "kg-only" and not policy.sources:
+        raise ConfigError(
+            "`agent` 'kg-only' plays by the run's scorer, but this run was trained without a "
+            "scorer."
+        )
     players: dict[str, Player] = {
         "trained": PolicyPlayer(policy),
         "random": random_entity,
         "oracle": recipe_oracle,
+        "kg-only": knowledge_player(list(policy.sources.values())),
     }
     return players[kind]
 

@@ -154,14 +154,11 @@ class Impala:
             lr=config.first_rate,
             alpha=config.rms_decay,
             eps=config.rms_epsilon,
-            momentum=config.momentum,
         )
         # As RMSProp makes it in its first step; made here, every checkpoint has it.
         optimizer_state = self.optimizer.state[self._flat]
         optimizer_state["step"] = torch.tensor(0.0)  # counted on the CPU
-        averages = ("square_avg", "momentum_buffer") if config.momentum else ("square_avg",)
-        for name in averages:
-            optimizer_state[name] = torch.zeros_like(self._flat)
+        optimizer_state["square_avg"] = torch.zeros_like(self._flat)
         lag = min(config.policy_lag, config.updates)
         num_bytes = 4 * len(self._flat) * lag  # bytes of float32
         check_memory("policy_lag", config.policy_lag, "that many policies", num_bytes)
@@ -170,8 +167,6 @@ class Impala:
         # The action to combine is the last slot, and stays.
         if policy.num_slots is None and not policy.most_picks:
             self._slots -= envs.world.max_results
-        # The memory holds pairs.
-        self._remembers = bool(config.memory_cost) and not policy.most_picks
         self.successes = Successes(policy.num_entities, self.device)
         self._generator = torch.Generator(self.device).manual_seed(config.seed)
         # The newest snapshot is the learner's; with lag k the oldest is from k updates ago.
@@ -225,6 +220,8 @@ class Impala:
         slots = self._slots
         choices = self.policy.num_choices(slots)
         num_sources = len(self.policy.sources)
+        # The memory holds pairs.
+        has_memory = self.config.memory_cost and not self.policy.most_picks
         return _Unroll(
             states=States(
                 goal=self._empty(time + 1, batch, dtype=torch.int64),
@@ -245,7 +242,7 @@ class Impala:
                 else None
             ),
             remembered=(
-                self._empty(time, batch, choices, dtype=torch.bool) if self._remembers else None
+                self._empty(time, batch, choices, dtype=torch.bool) if has_memory else None
             ),
             actions=self._empty(time, batch, dtype=torch.int64),
             log_probs=self._empty(time, batch),

@@ -20,7 +20,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from torch import Tensor
 
-from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, LeakError
+from wordcraft_kg.base.errors import ActionError, ConfigError, LeakError
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.envs.wordcraft import Arrays, WordCraftVectorEnv
 from wordcraft_kg.envs.world import World
@@ -330,7 +330,6 @@ class SB3VecEnv(VecEnv):
         if self._numbers is not None:
             assert isinstance(space, spaces.Dict)
             space = spaces.Dict({**space.spaces, "task": self._numbers.space})
-        self._actions: NDArray[np.int64] | None = None
         super().__init__(self.env.num_envs, space, self.env.single_action_space)
 
     def reset(self) -> Arrays:
@@ -357,13 +356,9 @@ class SB3VecEnv(VecEnv):
             Observations, rewards (float32), whether each episode ended, and infos.
 
         Raises:
-            EpisodeError: without noted slots.
             ActionError: for a number that is not a slot.
         """
-        if self._actions is None:
-            raise EpisodeError("call step_async() with actions before step_wait().")
         observations, rewards, over, _, infos = self.env.step(self._actions)
-        self._actions = None
         # A dictionary for each: wrappers of Stable-Baselines3 write into them.
         by_env: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if "final_obs" in infos:

@@ -68,7 +68,7 @@ class Manual:
 
     @property
     def file_only(self) -> list[str]:
-        """Names of the options that only the configuration file may set, such as ``--momentum``."""
+        """Names of the options that only the configuration file may set, such as ``--clip``."""
         return list(self._stated("FILE_ONLY"))
 
     @property

@@ -101,7 +101,6 @@ FILE_ONLY = {
         "--key-size",
         "--log-every",
         "--memory-cost",
-        "--momentum",
         "--pair-size",
         "--pays-held-out",
         "--plan-width",

@@ -193,11 +193,7 @@ def test_a_scale_without_a_fitting_table_names_those_that_do(
         make_sources(["u", "v"], Factored(SIZE), ScoreView("log-softmax"))
 
 
-def test_sources_that_do_not_fit_are_refused_before_the_tasks(
-    folded, tmp_path, no_tables, monkeypatch
-):
-    """An agent whose sources do not fit is refused before its tasks are made."""
-    monkeypatch.setattr("wordcraft_kg.agents.agent_training.World", None)
+def test_sources_that_do_not_fit_are_refused_before_a_folder_is_made(folded, tmp_path, no_tables):
     with pytest.raises(ConfigError, match="score table"):
         train_agent(AgentConfig("kitchen", str(folded)), tmp_path / "run")
     assert not (tmp_path / "run").exists()

@@ -57,7 +57,7 @@ class _Unroll(NamedTuple):
         external_scores: shape (T + 1, B, S, C): source scores, cached for the learner; None without
             sources.
         noise: shape (T + 1, B, H): which hidden units are dropped, the same for actor and learner;
-            None for a policy without noise.
+            H is 0 for a policy without noise.
         remembered: shape (T, B, C), bool: choices that lead to remembered pairs; None without a
             memory.
         actions: shape (T, B), int64: choices.
@@ -70,7 +70,7 @@ class _Unroll(NamedTuple):
 
     states: States
     external_scores: Tensor | None
-    noise: Tensor | None
+    noise: Tensor
     remembered: Tensor | None
     actions: Tensor
     log_probs: Tensor
@@ -236,11 +236,7 @@ class Impala:
             external_scores=(
                 self._empty(time + 1, batch, num_sources, choices).zero_() if num_sources else None
             ),
-            noise=(
-                self._empty(time + 1, batch, self.policy.noise_size)
-                if self.policy.noise_size
-                else None
-            ),
+            noise=self._empty(time + 1, batch, self.policy.noise_size),
             remembered=(
                 self._empty(time, batch, choices, dtype=torch.bool) if has_memory else None
             ),
@@ -440,8 +436,7 @@ class Impala:
             generator=self._generator,
             device=self.device,
         )
-        if unroll.noise is not None:
-            unroll.noise.uniform_(generator=self._generator)
+        unroll.noise.uniform_(generator=self._generator)
         for t in range(self._time):
             states = self._observe(t)
             scores = self.policy.external_scores(states)
@@ -450,9 +445,8 @@ class Impala:
                 assert unroll.external_scores is not None
                 unroll.external_scores[t] = scores
                 scores = unroll.external_scores[t]
-            dropped = None if unroll.noise is None else unroll.noise[t]
             observed = unroll.states.of(t)
-            actions, log_probs = self._choose(weights, observed, scores, noise[t], dropped)
+            actions, log_probs = self._choose(weights, observed, scores, noise[t], unroll.noise[t])
             unroll.actions[t] = actions
             unroll.log_probs[t] = log_probs
             for slot_actions in self.policy.slots_of(actions, self._slots):
@@ -555,7 +549,7 @@ class Impala:
         external_scores = None
         if unroll.external_scores is not None:
             external_scores = unroll.external_scores[:num_states].flatten(0, 1)
-        noise = None if unroll.noise is None else unroll.noise[:num_states].flatten(0, 1)
+        noise = unroll.noise[:num_states].flatten(0, 1)
         output = self.policy.choose(states, weights, external_scores, noise)
 
         # Log-probabilities of all choices, (C, T · B), and of the chosen ones, (T, B).

@@ -173,9 +173,7 @@ def _fitted(
     Returns:
         shape (F,).
     """
-    # Slots that are empty in all states, at the end of the tables, need no features.
-    is_filled = (states.table != source.num_entities).any(0)
-    slots = int(is_filled.nonzero()[-1]) + 1
+    slots = states.num_used_slots(source.num_entities)
     narrow = states._replace(table=states.table[:, :slots])
     features = source.features(narrow)
     right = leads[:, :slots, :slots]

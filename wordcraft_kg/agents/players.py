@@ -9,7 +9,7 @@ combines once no entity on the table has a score above 0, the mean of all, and p
 unless a source scores the action to combine.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -28,7 +28,7 @@ from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer, VoteScorer
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
-from wordcraft_kg.models.scorers.features import ENCODE, glove_features, make_features, named
+from wordcraft_kg.models.scorers.features import glove_features, make_features, named
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -222,17 +222,6 @@ def _are_equal(rounded: NDArray[np.float32], unit: NDArray[np.float32]) -> bool:
 def is_words_player(name: str) -> bool:
     """Return whether this is the name of a player by nearest words, with any vectors."""
     return name.startswith(NEAREST_WORDS)
-
-
-def advice_on_words(names: Iterable[str]) -> list[str]:
-    """Return advice, a sentence, if these players have no words but GloVe's; else nothing."""
-    words = set(filter(is_words_player, names))
-    if words != {f"{NEAREST_WORDS} (glove)"}:
-        return []
-    return [
-        "nearest words: only GloVe was at hand, and a sentence encoder's vectors make more goals: "
-        f"`{ENCODE}`, then `train-recipes --features`"
-    ]
 
 
 def nearest_words(vectors: NDArray[np.float32]) -> Player:

@@ -146,7 +146,10 @@ class PairPolicy(Policy):
         noise: Tensor | None = None,
     ) -> PolicyOutput:
         table = states.table
-        num_slots = _used_slots(table, self.num_entities)
+        num_slots = table.shape[1]
+        # On a device, asking would wait for pending work.
+        if table.device.type == "cpu":
+            num_slots = states.num_used_slots(self.num_entities)
         phases = None
         if self.config.sees_attempts:
             # That of the attempt, whatever the selection.
@@ -338,17 +341,6 @@ def _of_pairs(
     # The value learns from the policy's attention, and does not change it.
     shares = torch.softmax(alpha.detach(), dim=1)
     return alpha, (shares * values).sum(1)
-
-
-def _used_slots(table: Tensor, nothing: int) -> int:
-    """Return the number of slots up to the last one that is filled in any table, 1 or more."""
-    slots = table.shape[1]
-    # Free slots for results are a large share of a table, and the cost of pairs is quadratic. On a
-    # device, asking would wait for pending work.
-    if table.device.type != "cpu":
-        return slots
-    filled = (table != nothing).any(0).nonzero()
-    return int(filled[-1]) + 1 if len(filled) else 1
 
 
 @lru_cache

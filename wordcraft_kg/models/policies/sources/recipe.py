@@ -336,9 +336,7 @@ class BestRecipe(FoldedSource):
         """Return :meth:`pair_scores`; trailing slots that are empty in all tables are skipped."""
         table = states.table
         slots = table.shape[1]
-        # Free slots for results are a large share of a table, and the cost of pairs is quadratic.
-        filled = (table != self.num_entities).any(0).nonzero()
-        num_filled = int(filled[-1]) + 1 if len(filled) else 0
+        num_filled = states.num_used_slots(self.num_entities)
         narrow = states._replace(table=table[:, :num_filled])
         # Everything that scores depend on. The selection is not among it.
         inputs = [states.goal, narrow.table, model]

@@ -249,7 +249,6 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             TaskError: if the split has no train tasks for these settings.
         """
         config = self.config
-        _warn_of_short_unrolls(config)
         scorer = None
         observed = None
         self.facts: dict[str, Any] = {}
@@ -446,18 +445,6 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         write_atomically(run.path / EPISODES_FILE, _episode_lines(world, results))
         run.finish(OUTPUTS, agent_card(self.opened, self.config, run.record, summary))
         return TrainedAgent(run.path, self.step, summary)
-
-
-def _warn_of_short_unrolls(config: AgentConfig) -> None:
-    """Warn that the first actions of an episode will hardly learn from its reward."""
-    if config.trainer.unroll_steps < config.tasks.episode:
-        logging.getLogger(__name__).warning(
-            "`unroll` %d is shorter than an episode of %d actions: actions before the last unroll "
-            "learn from estimated values alone. Set `unroll` to %d or more.",
-            config.trainer.unroll_steps,
-            config.tasks.episode,
-            config.tasks.episode,
-        )
 
 
 def _warn_of_in_sample_scores(config: AgentConfig) -> None:

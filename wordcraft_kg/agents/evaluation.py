@@ -40,16 +40,19 @@ from wordcraft_kg.models.policies.policy import Policy
 _HASH_FACTOR = 6_364_136_223_846_793_005
 
 
+@dataclass(frozen=True)
 class PolicyPlayer:
     """A player that takes the best action under a policy's current weights.
 
     Ties go to the first slot.
+
+    Attributes:
+        policy: the policy.
+        silent: names of its sources whose scores are 0 in this player.
     """
 
-    def __init__(self, policy: Policy, silent: Collection[str] = ()):
-        """Take a policy, and names of its sources whose scores are 0 in this player."""
-        self.policy = policy
-        self.silent = silent
+    policy: Policy
+    silent: Collection[str] = ()
 
     @torch.no_grad()
     def __call__(self, state: State, rng: np.random.Generator) -> Any:

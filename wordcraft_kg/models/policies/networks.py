@@ -23,7 +23,6 @@ from wordcraft_kg.models.policies.policy import (
     PolicyOutput,
     Weights,
     look_up,
-    named_weights,
 )
 from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.policies.sources.source import Source
@@ -111,16 +110,9 @@ class AttentionPolicy(Policy):
     def weights(  # noqa: D102 - inherited
         self, generator: torch.Generator | None = None
     ) -> Weights:
-        weights = self.vectors.weights() | named_weights("value", self.value)
+        weights = super().weights() | self.attention.weights()
         if self.sources and self.config.lambda_form == "residual":
             weights |= self.residual_weights(self.lambdas)
-        elif self.sources:
-            weights |= named_weights("mixture", self.mixture)
-        weights |= self.attention.weights()
-        if self.config.sees_attempts:
-            weights |= named_weights("phases", self.phases)
-        if self.most_picks:
-            weights |= named_weights("combine", self.combine)
         return weights
 
     def output(  # noqa: D102 - inherited
@@ -364,7 +356,7 @@ def _mlp(
     weights: Weights,
     name: str,
 ) -> Tensor:
-    """Apply a head's weights, named as by :func:`named_weights`, to encodings (B, F)."""
+    """Apply the head with this name, see :func:`_head`, to encodings (B, F)."""
     first = linear(encoding, weights[f"{name}.0.weight"], weights[f"{name}.0.bias"])
     return linear(torch.relu(first), weights[f"{name}.2.weight"], weights[f"{name}.2.bias"])
 
@@ -395,11 +387,6 @@ class MLPPolicy(Policy):
         self.hidden = nn.Linear((2 + num_slots) * vectors.dim, config.hidden_size)
         self.logits = nn.Linear(config.hidden_size, num_slots)
         self.value = nn.Linear(config.hidden_size, 1)
-
-    def weights(  # noqa: D102 - inherited
-        self, generator: torch.Generator | None = None
-    ) -> Weights:
-        return self.vectors.weights() | dict(self.named_parameters())
 
     def output(  # noqa: D102 - inherited
         self,
@@ -486,12 +473,12 @@ class NetworkPolicy(Policy):
     def weights(  # noqa: D102 - inherited
         self, generator: torch.Generator | None = None
     ) -> Weights:
-        # One-hot vectors are written out here, for a network that knows no short cut.
-        size = self.num_entities
-        device = next(self.network.parameters()).device
-        weights = self.vectors.weights() or {"vectors": torch.eye(size + 1, size, device=device)}
-        # By name, so that an actor may lag behind the learner.
-        weights |= named_weights("network", self.network)
+        weights = super().weights()
+        if self.vectors.is_one_hot:
+            # Written out here, for a network that knows no short cut.
+            size = self.num_entities
+            device = next(self.network.parameters()).device
+            weights["vectors"] = torch.eye(size + 1, size, device=device)
         if self.sources:
             weights |= self.residual_weights(self.lambdas)
         return weights

@@ -24,7 +24,6 @@ from wordcraft_kg.models.policies.policy import (
     Weights,
     checked_logits,
     look_up,
-    named_weights,
 )
 from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.policies.sources.source import Source
@@ -133,7 +132,7 @@ class PairPolicy(Policy):
         if self.sources:
             weights |= self.residual_weights(self.lambdas)
         if self.config.sees_attempts:
-            weights |= named_weights("phases", self.phases)
+            weights |= {f"phases.{name}": part for name, part in self.phases.named_parameters()}
         return weights
 
     # --- choices: pairs of slots ------------------------------------------------------------------

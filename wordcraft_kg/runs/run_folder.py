@@ -122,15 +122,12 @@ class RunKind(Generic[P]):
         name: label of the progress bar.
         unit: unit of progress, such as epoch or step.
         progress: type of the progress record in a checkpoint.
-        saved_as: what the files of checkpoints are named after, if not after the unit; several
-            kinds of parts may be saved.
     """
 
     commands: tuple[str, ...]
     name: str
     unit: str
     progress: type[P]
-    saved_as: tuple[str, ...] = ()
 
     def read_record(self, folder: Path) -> RunRecord:
         """Read the run record in a folder.
@@ -146,13 +143,11 @@ class RunKind(Generic[P]):
 
     def checkpoints(self, folder: Path) -> Checkpoints[P]:
         """Return an object that saves and loads the checkpoints in a run folder."""
-        name = self.saved_as[0] if self.saved_as else self.unit
-        return Checkpoints(folder, name, self.progress)
+        return Checkpoints(folder, self.unit, self.progress)
 
     def has_checkpoints(self, folder: Path) -> bool:
         """Return whether something is saved in a run folder from which the run can go on."""
-        names = self.saved_as or (self.unit,)
-        return any(Checkpoints(folder, name, self.progress).records() for name in names)
+        return bool(self.checkpoints(folder).records())
 
 
 class RunFolder(Generic[P]):

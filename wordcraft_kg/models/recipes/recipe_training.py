@@ -1,25 +1,25 @@
 """Fit recipe scorers into a model folder.
 
 One is fitted on all train recipes, and for cross-fitting one without each fold in turn. Fits run in
-parallel if there are enough CPU cores. A resumed run makes only fits that were not finished.
+parallel if there are enough CPU cores.
 
 The page docs/explanation/recipe-scorer.md has the formulas of what is fitted.
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import torch
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 
-from wordcraft_kg.base import ConfigError, cores
+from wordcraft_kg.base import ConfigError, Record, cores
 from wordcraft_kg.base.statistics import standardised
-from wordcraft_kg.base.tensors import check_device, torch_threads
+from wordcraft_kg.base.tensors import check_device, copied, torch_threads
 from wordcraft_kg.graphs import (
     COMBINES_WITH,
     COMPONENT_OF,
@@ -54,14 +54,10 @@ from wordcraft_kg.models.recipes.fitting import (
 )
 from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.recipe_records import (
-    ENCODER,
-    FIT,
-    FitDone,
     FitsTraining,
     RecipeMetrics,
     TrainedRecipes,
     counter,
-    saved_parts,
 )
 from wordcraft_kg.models.recipes.set_training import SetsTraining, trains_sets
 from wordcraft_kg.models.scorers.features import named
@@ -84,7 +80,7 @@ def train_recipes(
     force: bool = False,
     progress: Progress | bool | None = None,
 ) -> TrainedRecipes:
-    """Fit a recipe scorer into a model folder, or resume an interrupted run with the same settings.
+    """Fit a recipe scorer into a model folder.
 
     Args:
         config: all settings.
@@ -93,7 +89,7 @@ def train_recipes(
         progress: called after each fitting step; True shows a bar, None or False nothing.
 
     Raises:
-        KeyboardInterrupt: after Ctrl-C, with the number of saved fits.
+        KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Further errors are those of :func:`~wordcraft_kg.runs.training.train`.
 
@@ -225,7 +221,6 @@ class RecipesTraining(FitsTraining):
     """Trainer for recipe scorers.
 
     Attributes:
-        fits: name of the parts of the training.
         every: the folds that each fit leaves out, in the order of the fits.
         without: books whose recipes are left out.
         own: the graph's entities in a joint graph, shape (E,); None unless ``kg`` is none.
@@ -237,8 +232,6 @@ class RecipesTraining(FitsTraining):
         has_encoder: whether there is a pair encoder of the training recipes.
         has_encoder_of_others: whether there is one of other books' recipes.
     """
-
-    fits: ClassVar[str] = "fits"
 
     def __init__(self, config: RecipesConfig, opened: OpenedGraph):
         """Draw the cross-fitting folds, look up word vectors and open outside knowledge.
@@ -298,7 +291,6 @@ class RecipesTraining(FitsTraining):
         num_folds = self.folds.count if settings.kg == "partial" else 0
         single_folds = [(fold,) for fold in range(num_folds)]
         self.every: list[LeftOut] = [(), *single_folds]
-        self.num_fits = len(self.every)
         encoders = len(encoders_of(self.folds, self.every)) if self.has_encoder else 0
         self.workers = fitting_workers(graph.num_entities, num_recipes, dim, cores(), encoders)
 
@@ -310,10 +302,12 @@ class RecipesTraining(FitsTraining):
             return SetsTraining(config, opened)
         return cls(config, opened)
 
-    def inputs(self) -> dict[str, str]:
-        """Return the hashes of all inputs by name; two sources may have one name."""
+    def begin(  # noqa: D102 - inherited
+        self, run: RunFolder[Record], report: Progress | None
+    ) -> Mapping[str, Any]:
         settings = self.config.settings
         inputs = {"features": self.features.sha256}
+        # Two sources may have one name.
         for place, source in enumerate(self.outside.sources, 1):
             inputs[f"with {place}: {source.name}"] = source.sha256
         inputs |= {f"without {book.name}": book.hash for book in self.without}
@@ -321,92 +315,41 @@ class RecipesTraining(FitsTraining):
             inputs["folds"] = self.folds.hash
         if is_subsample(settings.train_fraction, settings.label_noise):
             inputs["train_sample"] = self.folds.train_sample.hash
-        return inputs
+        return {"inputs": inputs}
 
     def make(  # noqa: D102 - inherited
-        self, run: RunFolder[FitDone], report: Progress | None
+        self, run: RunFolder[Record], report: Progress | None
     ) -> TrainedRecipes:
         began = time.perf_counter()
-        fits = saved_parts(run, FIT)
-        saved = fits.records()
-        missing = [left_out for fit, left_out in enumerate(self.every) if fit not in saved]
         num_lists = len(lists_of(self.folds, self.every, has_encoder=self.has_encoder))
         encoders = encoders_of(self.folds, self.every) if self.has_encoder else []
-        total = num_lists + len(encoders) + self.has_encoder_of_others + self.num_fits
-        after = counter(run, report, total)
-        words = Words.of(self.features)
-        for left_out, knowledge in self._fitted(run, words, missing, after):
+        total = num_lists + len(encoders) + self.has_encoder_of_others + len(self.every)
+        fits = []
+        for left_out, knowledge in self._fitted(run, counter(run, report, total)):
             # The main model has the words for all folds.
             skipped = RecipeScorer.shared if left_out else ()
             constants = knowledge.constants().items()
-            tensors = {name: tensor for name, tensor in constants if name not in skipped}
-            progress = FitDone(trained_on=triples_hash(self.folds.triples(left_out)))
-            fits.save(self.every.index(left_out), tensors, progress)
+            # Copies: the fits may have an encoder in common, which a file has for each.
+            fits.append(copied({name: part for name, part in constants if name not in skipped}))
         if report:
             report(total, total, {})
-        return self._write(run, time.perf_counter() - began)
+        return self._write(run, fits, time.perf_counter() - began)
 
     def _encoders(
-        self,
-        run: RunFolder[FitDone],
-        words: Words,
-        missing_fits: Sequence[LeftOut],
-        after: Callable[[], None],
+        self, run: RunFolder[Record], words: Words, after: Callable[[], None]
     ) -> dict[LeftOut, PairEncoder] | PairEncoder:
-        """Fit and save the pair encoders that the wanted fits need, or read those of a resumed run.
+        """Fit the pair encoders that the fits need.
 
         Empty if the model has no encoder; a single one if it is of other books.
 
         Args:
             run: the run's folder.
             words: word vectors of all entities.
-            missing_fits: folds to leave out, () for none.
             after: called after each encoder.
         """
-        every: list[LeftOut] = [()] if self.has_encoder_of_others else []
-        needed = every
-        if self.has_encoder:
-            every = encoders_of(self.folds, self.every)
-            needed = encoders_of(self.folds, missing_fits)
-        checkpoints = saved_parts(run, ENCODER)
-        saved = checkpoints.records()
-        encoders = {}
-        missing = []
-        for left_out in needed:
-            number = every.index(left_out)
-            if number in saved:
-                encoders[left_out] = PairEncoder(**checkpoints.read(number).tensors)
-            else:
-                missing.append(left_out)
-        for left_out, encoder in self._new_encoders(run, words, missing):
-            progress = FitDone(trained_on=triples_hash(self.folds.triples(left_out)))
-            checkpoints.save(every.index(left_out), encoder._asdict(), progress)
-            encoders[left_out] = encoder
-            after()
-        return encoders[()] if self.has_encoder_of_others else encoders
-
-    def _new_encoders(
-        self,
-        run: RunFolder[FitDone],
-        words: Words,
-        missing: Sequence[LeftOut],
-    ) -> Iterator[tuple[LeftOut, PairEncoder]]:
-        """Fit pair encoders; yield the folds that each leaves out, and the encoder."""
         settings = self.config.settings
         stop = run.interrupted.is_set
-        if self.has_encoder:
-            yield from fit_encoders(
-                self.folds,
-                torch.from_numpy(words.vectors).float(),
-                missing,
-                seed=settings.seed,
-                workers=self.workers,
-                device=settings.device,
-                stop=stop,
-            )
-            return
-        # At most one, of other books.
-        for left_out in missing:
+        if self.has_encoder_of_others:
             encoder = encoder_of_books(
                 self.outside.books,
                 self.opened.graph.num_entities,
@@ -416,38 +359,44 @@ class RecipesTraining(FitsTraining):
                 device=settings.device,
                 stop=stop,
             )
+            after()
             dim = words.vectors.shape[1]
-            if len(encoder.used_words) != dim:
-                # `auto` finds better words for the graph's labels than for those of all books.
-                encoder = encoder.without_words(dim)
-            yield left_out, encoder
+            # `auto` may find better words for the graph's labels than for those of all books.
+            return encoder if len(encoder.used_words) == dim else encoder.without_words(dim)
+        encoders = {}
+        for left_out, encoder in fit_encoders(
+            self.folds,
+            torch.from_numpy(words.vectors).float(),
+            encoders_of(self.folds, self.every) if self.has_encoder else [],
+            seed=settings.seed,
+            workers=self.workers,
+            device=settings.device,
+            stop=stop,
+        ):
+            encoders[left_out] = encoder
+            after()
+        return encoders
 
     def _fitted(
-        self,
-        run: RunFolder[FitDone],
-        words: Words,
-        missing_fits: Sequence[LeftOut],
-        after: Callable[[], None],
+        self, run: RunFolder[Record], after: Callable[[], None]
     ) -> Iterator[tuple[LeftOut, RecipeKnowledge]]:
-        """Yield the folds left out and the knowledge fitted without them, for each wanted fit.
+        """Yield the folds left out and the knowledge fitted without them, for each fit.
 
         Args:
-            run: the run's folder, with the encoders of an interrupted run.
-            words: word vectors of all entities.
-            missing_fits: folds to leave out, () for none.
+            run: the run's folder.
             after: called after each encoder, each set of lists and each fit.
         """
+        words = Words.of(self.features)
         if not len(self.folds.recipes()):
             yield (), tables_alone(self.outside.tables, words)
             return
-        settings = self.config.settings
         fitted = fit_recipe_scorers(
             self.folds,
             words,
-            missing_fits,
+            self.every,
             outside=self.outside.tables,
-            encoders=self._encoders(run, words, missing_fits, after),
-            seed=settings.seed,
+            encoders=self._encoders(run, words, after),
+            seed=self.config.settings.seed,
             workers=self.workers,
             after=after,
         )
@@ -455,13 +404,20 @@ class RecipesTraining(FitsTraining):
             # A zero-shot scorer is fitted on a joint graph, and saved for the graph alone.
             yield left_out, knowledge if self.own is None else knowledge.of_entities(self.own)
 
-    def _write(self, run: RunFolder[FitDone], seconds: float) -> TrainedRecipes:
-        """Write the scorers from the saved fits, their metrics and the model card."""
+    def _write(
+        self, run: RunFolder[Record], fits: Sequence[dict[str, Tensor]], seconds: float
+    ) -> TrainedRecipes:
+        """Write the scorers, their metrics and the model card.
+
+        Args:
+            run: the run's folder.
+            fits: tensors of the main model and, without its shared ones, of each fold.
+            seconds: duration of the fits.
+        """
         graph = self.opened.graph
         settings = self.config.settings
         folds = self.folds
-        fits = saved_parts(run, FIT)
-        tensors = fits.read(0).tensors
+        tensors = fits[0]
         write_scorer(run.path, RecipeScorer.kind, tensors, graph)
         record = None
         if settings.kg == "partial":
@@ -469,8 +425,7 @@ class RecipesTraining(FitsTraining):
             shared = {name: tensors[name] for name in RecipeScorer.shared}
 
             def part(fold: int) -> tuple[str, dict[str, Tensor]]:
-                fit = fits.read(fold + 1)
-                return fit.progress.trained_on, shared | fit.tensors
+                return triples_hash(folds.triples([fold])), shared | fits[1 + fold]
 
             main = RecipeScorer(tensors, graph.entities, graph.hash)
             record = write_folds(

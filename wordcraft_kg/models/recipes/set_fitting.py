@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Sequence
-from hashlib import sha256
 from itertools import chain, compress
 from typing import Any, NamedTuple
 
@@ -12,12 +11,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
 
-from wordcraft_kg.base.errors import ArtefactError, GraphError
+from wordcraft_kg.base.errors import GraphError
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.models.recipes.recipe_records import FitDone
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge, Vector
 from wordcraft_kg.models.scorers.sets.networks import NAMES, Networks, fit
-from wordcraft_kg.runs.checkpoints import Checkpoints
 
 TOP = (1, 3, 5, 10)
 """Numbers of suggestions, for shares of goals with a right one among them."""
@@ -115,7 +112,6 @@ def fit_sets(
     *,
     seed: int,
     folds: int = 5,
-    saved: Checkpoints[FitDone] | None = None,
     after: Callable[[], None] = lambda: None,
 ) -> FittedSets:
     """Fit a model of sets.
@@ -126,42 +122,22 @@ def fit_sets(
         words: unit vectors of all entities, shape (E, D).
         seed: root seed.
         folds: parts of the train goals, each scored by knowledge without its recipes.
-        saved: where the networks of each fold, and of all recipes, are saved, and read if there.
         after: called after each network that is fitted.
-
-    Raises:
-        ArtefactError: if a saved network is damaged, or of other data.
     """
     fold_of_recipe = folds_of_recipes(recipes, folds, seed)
     lessons: list[list[Candidates]] = []
     networks = []
     whole = SetKnowledge(recipes, amounts, words)
-    data = b"".join(array.tobytes() for array in (recipes, amounts, words))
-    progress = FitDone(trained_on=sha256(data).hexdigest())
-
-    def network_of(knowledge: SetKnowledge, number: int, members: int) -> Networks:
-        if saved is not None and number in saved.records():
-            checkpoint = saved.read(number)
-            if checkpoint.progress != progress:
-                raise ArtefactError(
-                    f"`parts` or words have changed since '{saved.run_folder}' began. Restore the "
-                    "earlier files, or train again with `force`."
-                )
-            return Networks.of(checkpoint.tensors, "")
-        network = fit_network(knowledge, seed * 1_000 + number, members=members)
-        if saved is not None:
-            saved.save(number, network.tensors(""), progress)
-        after()
-        return network
-
     for fold in range(folds):
         others = recipes[fold_of_recipe != fold]
         knowledge = SetKnowledge(others, amounts, words, whole.style_parts)
         held_out = recipes[fold_of_recipe == fold]
-        network = network_of(knowledge, fold, 1)
+        network = fit_network(knowledge, seed * 1_000 + fold, members=1)
+        after()
         networks.append(network)
         lessons.append(candidates_of(knowledge, network, held_out))
-    networks.append(network_of(whole, folds, _MEMBERS))
+    networks.append(fit_network(whole, seed * 1_000 + folds, members=_MEMBERS))
+    after()
     fold_of_lesson = np.repeat(np.arange(folds), list(map(len, lessons)))
     order = fit_order(list(chain(*lessons)), fold_of_lesson, seed)
     return FittedSets(tuple(networks), order)

@@ -4,16 +4,23 @@ A book with larger sets than pairs trains such a model, and any book with the se
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import safetensors.torch
 import torch
 
-from wordcraft_kg.base import ConfigError, as_values, dump_json, nearest, write_atomically
+from wordcraft_kg.base import (
+    ConfigError,
+    Record,
+    as_values,
+    dump_json,
+    nearest,
+    write_atomically,
+)
 from wordcraft_kg.base.tensors import copied
 from wordcraft_kg.graphs import (
     MOST_INGREDIENTS,
@@ -26,13 +33,10 @@ from wordcraft_kg.graphs import (
 from wordcraft_kg.models.knowledge.books import word_features
 from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.recipe_records import (
-    FIT,
-    FitDone,
     FitsTraining,
     SetMetrics,
     TrainedRecipes,
     counter,
-    saved_parts,
 )
 from wordcraft_kg.models.recipes.set_fitting import FittedSets, fit_sets, folds_of_recipes
 from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
@@ -141,14 +145,11 @@ class SetsTraining(FitsTraining):
     """Trainer for models of sets.
 
     Attributes:
-        fits: name of the parts of the training.
         features: name of the word vectors; one-hot for none.
         recipes: training recipes, shape (R, 9), (ingredients, padding -1, goal).
         parts: parts of all entities.
         words: unit vectors of all entities.
     """
-
-    fits: ClassVar[str] = "networks"
 
     def __init__(self, config: RecipesConfig, opened: OpenedGraph):
         """Read parts and words.
@@ -163,7 +164,6 @@ class SetsTraining(FitsTraining):
         super().__init__(config, opened)
         settings = config.settings
         _check_settings(settings)
-        self.num_fits = settings.folds + 1
         self.source = settings.parts or NO_PARTS
         graph = opened.graph
         allow_missing = settings.allow_missing
@@ -197,27 +197,27 @@ class SetsTraining(FitsTraining):
                 "and as many as `folds`. Use a larger book."
             )
 
-    def inputs(self) -> dict[str, str]:  # noqa: D102 - inherited
+    def begin(  # noqa: D102 - inherited
+        self, run: RunFolder[Record], report: Progress | None
+    ) -> Mapping[str, Any]:
         # The input `parts` also tells that a folder holds a model of sets.
         inputs = {"parts": self.parts.sha256}
         if self.folds is not None:
             inputs["folds"] = self.folds.hash
-        return inputs
+        return {"inputs": inputs}
 
     def make(  # noqa: D102 - inherited
-        self, run: RunFolder[FitDone], report: Progress | None
+        self, run: RunFolder[Record], report: Progress | None
     ) -> TrainedRecipes:
         settings = self.config.settings
         began = time.perf_counter()
-        saved = saved_parts(run, FIT)
         fitted = fit_sets(
             self.recipes,
             self.parts.amounts,
             self.words,
             seed=settings.seed,
             folds=settings.folds,
-            saved=saved,
-            after=counter(run, report, self.num_fits, len(saved.records())),
+            after=counter(run, report, settings.folds + 1),
         )
         tensors = {
             "recipes": torch.from_numpy(self.recipes),

@@ -4,7 +4,6 @@ The page docs/outside-knowledge.md describes the command and its files.
 """
 
 import logging
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
@@ -16,14 +15,12 @@ from wordcraft_kg.base import (
     Count,
     KnowledgeFileError,
     Record,
-    Share,
     read_small_file,
     sha256_of,
     stage,
 )
 from wordcraft_kg.graphs import RELATIONS, OpenedGraph, is_in
 from wordcraft_kg.models.knowledge.knowledge_folder import (
-    FACTS,
     TRIPLES,
     KnowledgeRecord,
     KnowledgeTables,
@@ -37,8 +34,8 @@ from wordcraft_kg.models.knowledge.readers import (
     read_wordnet,
 )
 from wordcraft_kg.models.knowledge.surroundings import (
-    Surroundings,
     make_tables,
+    near_triples,
     with_descriptions,
 )
 from wordcraft_kg.models.scorers.score_limits import check_table
@@ -59,20 +56,6 @@ _LICENCES = {
 }
 
 
-class Coverage(Record, frozen=True, kw_only=True):
-    """Entities aligned by one method.
-
-    Attributes:
-        method: see :class:`~wordcraft_kg.models.knowledge.network.Alignment`.
-        entities: number of entities.
-        confidence: their mean confidence.
-    """
-
-    method: str
-    entities: Count
-    confidence: Share
-
-
 class ImportedKnowledge(Record, frozen=True, kw_only=True):
     """What was imported.
 
@@ -83,12 +66,10 @@ class ImportedKnowledge(Record, frozen=True, kw_only=True):
         aligned: number of labels with a node.
         held_out: number of triples of held-out recipes in the file; above 0, scores that learn
             from it know test recipes.
-        coverage: labels by method, most first.
         nodes: number of nodes in the imported graph.
         edges: number of edges in the imported graph, with those from definitions.
         tables: names of the tables.
         triples: number of lines in ``triples.tsv`` without the header.
-        facts: number of lines in ``facts.tsv`` without the header.
     """
 
     out: str
@@ -96,12 +77,10 @@ class ImportedKnowledge(Record, frozen=True, kw_only=True):
     entities: Count
     aligned: Count
     held_out: Count
-    coverage: tuple[Coverage, ...]
     nodes: Count
     edges: Count
     tables: tuple[str, ...]
     triples: Count
-    facts: Count
 
 
 def import_knowledge(
@@ -148,9 +127,7 @@ def import_knowledge(
             network = with_descriptions(network, alignment, entities)
     with stage("making tables"):
         tables = make_tables(network, alignment)
-        surroundings = Surroundings(network, alignment, entities)
-        triples = list(surroundings.triples())
-        facts = list(surroundings.facts())
+        triples = near_triples(network, alignment, entities)
     held_out = _num_held_out(network, alignment, opened)
     if held_out:
         logging.getLogger(__name__).warning(
@@ -172,16 +149,13 @@ def import_knowledge(
         entities=len(entities),
         aligned=int((alignment.nodes >= 0).sum()),
         held_out=held_out,
-        coverage=coverage_of(alignment),
         nodes=len(network.nodes),
         edges=len(network.edges),
         tables=tuple(info.name for info, _ in tables),
         triples=len(triples),
-        facts=len(facts),
     )
     files = {
         TRIPLES: _table(HEADER, triples),
-        FACTS: _table(("entity", "relation", "entity or class"), facts),
         ALIGNMENT: _table(_COLUMNS, _alignment_rows(network, alignment, entities)),
         "README.md": _card(view, opened, kind),
     }
@@ -233,19 +207,6 @@ def read_overrides(path: Path) -> dict[str, str]:
     return collected
 
 
-def coverage_of(alignment: Alignment) -> tuple[Coverage, ...]:
-    """Return numbers of entities and mean confidences by method, most entities first."""
-    methods = np.array(alignment.methods)
-    return tuple(
-        Coverage(
-            method=method,
-            entities=count,
-            confidence=float(alignment.confidences[methods == method].mean()),
-        )
-        for method, count in Counter(alignment.methods).most_common()
-    )
-
-
 def _alignment_rows(
     network: Network,
     alignment: Alignment,
@@ -277,23 +238,13 @@ def _hashes(path: Path) -> dict[str, str]:
     return {file.name: sha256_of(file) for file in files}
 
 
-def describe(view: ImportedKnowledge) -> list[tuple[str, ...]]:
-    """Return the rows of a table of three columns: labels by method, with their confidence."""
-    rows = [(row.method, f"{row.entities:,}", f"{row.confidence:.2f}") for row in view.coverage]
-    return [("aligned by", "labels", "confidence"), *rows]
-
-
 def _card(view: ImportedKnowledge, opened: OpenedGraph, kind: Kind) -> str:
     """Return the folder's ``README.md``."""
-    header, *lines = describe(view)
-    table = (header, ("---", "---", "---"), *lines)
-    rows = "\n".join(f"| {' | '.join(row)} |" for row in table)
     return (
         f"# Knowledge from {view.source}\n\n"
         f"For graph `{opened.graph.hash[:12]}`: "
         f"{view.aligned:,} of {view.entities:,} labels are aligned with {view.nodes:,} nodes. "
-        f"{view.triples:,} triples, {view.facts:,} facts, tables {', '.join(view.tables)}. "
+        f"{view.triples:,} triples, tables {', '.join(view.tables)}. "
         "No recipe was used.\n\n"
-        f"{rows}\n\n"
         f"{_LICENCES[kind]}\n"
     )

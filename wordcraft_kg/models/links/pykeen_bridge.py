@@ -26,7 +26,7 @@ from pykeen.triples import TriplesFactory
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs import RELATIONS, Ids, OpenedGraph, RecipeGraph, frozen
-from wordcraft_kg.models.knowledge.knowledge_folder import TRIPLES, knowledge_files, read_rows
+from wordcraft_kg.models.knowledge.knowledge_folder import TRIPLES, knowledge_files, read_triples_of
 from wordcraft_kg.models.links.link_records import OutsideSummary
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.score_limits import check_table
@@ -91,7 +91,7 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
         before = len(rows)
         # Raises ConfigError if the folder has no triples.
         _hash(folder)
-        for head, relation, tail in read_rows(knowledge_files(folder), TRIPLES):
+        for head, relation, tail in read_triples_of(knowledge_files(folder)):
             # Such triples would count as recipes, also as those of the test part.
             if relation in RELATIONS:
                 raise ConfigError(

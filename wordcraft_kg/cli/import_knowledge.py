@@ -43,8 +43,8 @@ def import_knowledge(  # noqa: PLR0913 - parameters are the command's options
             these names and perhaps weight, with tabs or commas; plain or gzipped.
         overrides: file with a label, a tab and a node on each line, as in the output's
             alignment.tsv; without a node, the label is left out.
-        scores: CSV with the columns set (such as "flour + water", or a column for each ingredient),
-            result and score; only differences count, and a set without a score has the mean.
+        scores: CSV with the columns set (such as "flour + water"), result and score; only
+            differences count, and a set without a score has the mean.
         out: knowledge folder to write. Default: knowledge/<graph name>-<wordnet, conceptnet or
             triples>, or models/<graph name>-scores.
     """

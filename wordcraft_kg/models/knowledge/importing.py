@@ -15,6 +15,7 @@ from wordcraft_kg.base import (
     Count,
     KnowledgeFileError,
     Record,
+    nearest,
     read_small_file,
     sha256_of,
     stage,
@@ -26,7 +27,7 @@ from wordcraft_kg.models.knowledge.knowledge_folder import (
     KnowledgeTables,
     write_knowledge,
 )
-from wordcraft_kg.models.knowledge.network import Alignment, Network, align, with_overrides
+from wordcraft_kg.models.knowledge.network import Alignment, Network, align
 from wordcraft_kg.models.knowledge.readers import (
     HEADER,
     read_conceptnet,
@@ -99,7 +100,7 @@ def import_knowledge(
         kind: kind of the imported graph.
         path: WordNet's folder, ConceptNet's assertions, or a file of triples.
         out: the knowledge folder.
-        overrides: file with nodes for some labels, see :func:`read_overrides`; None without.
+        overrides: file with nodes for some labels, see :func:`with_overrides`; None without.
         force: replace the folder.
 
     Raises:
@@ -111,12 +112,13 @@ def import_knowledge(
     entities = opened.graph.entities
     # Checked before the slow steps.
     check_table("knowledge from outside the book", len(entities))
-    overriding = {} if overrides is None else read_overrides(overrides)
     with stage(f"reading {path}"):
         network = READERS[kind](path)
     with stage("aligning labels"):
+        alignment = align(network, entities)
         # What a person says goes before what was found.
-        alignment = with_overrides(align(network, entities), network, entities, overriding)
+        if overrides is not None:
+            alignment = with_overrides(alignment, network, entities, overrides)
         if (alignment.nodes < 0).all():
             raise KnowledgeFileError(
                 f"{path}: none of the {len(entities):,} labels of '{opened.graph.name}', such as "
@@ -178,17 +180,29 @@ def _num_held_out(network: Network, alignment: Alignment, opened: OpenedGraph) -
     return int(is_in(edges[is_aligned], network.edges, len(network.nodes)).sum())
 
 
-def read_overrides(path: Path) -> dict[str, str]:
-    """Read nodes by label from lines as in ``alignment.tsv``, of which two columns count.
+def with_overrides(
+    alignment: Alignment, network: Network, entities: Sequence[str], path: Path
+) -> Alignment:
+    """Replace the nodes of some labels by nodes that the user names.
+
+    Args:
+        alignment: the automatic alignment.
+        network: the graph from outside the book.
+        entities: labels in id order.
+        path: lines as in ``alignment.tsv``, of which two columns count: a label, and a node with or
+            without the network's prefix; without a node, the label is left out.
+
+    Returns:
+        A new alignment, in which a named node has confidence 1.
 
     Raises:
-        KnowledgeFileError: if the file cannot be read, or has a wrong line, which the error names.
+        KnowledgeFileError: for an unknown label or node, or a file that is not UTF-8.
+        ArtefactError: if the file cannot be read.
     """
-    if not path.is_file():
-        raise KnowledgeFileError(
-            f"{path} is not a file; expected lines with a label, a tab and a node."
-        )
-    collected: dict[str, str] = {}
+    nodes = alignment.nodes.copy()
+    confidences = alignment.confidences.copy()
+    methods = list(alignment.methods)
+    numbers = {name: node for node, name in enumerate(network.nodes)}
     try:
         lines = read_small_file(path).decode("utf-8-sig").splitlines()
     except UnicodeDecodeError:
@@ -198,13 +212,23 @@ def read_overrides(path: Path) -> dict[str, str]:
         is_header = number == 1 and label == _COLUMNS[0]
         if is_header or not line.strip():
             continue
-        if not columns or label in collected:
-            fault = "is repeated" if columns else "has no tab"
+        if not columns or label not in entities:
             raise KnowledgeFileError(
-                f"{path}, line {number}: '{label}' {fault}; expected a label, a tab and a node."
+                f"{path}, line {number}: '{label}' is not a label of the graph before a "
+                f"tab.{nearest(label, entities)} Expected lines as in {ALIGNMENT}."
             )
-        collected[label] = columns[0].strip()
-    return collected
+        name = columns[0].strip()
+        node = numbers.get(name.removeprefix(f"{network.prefix}:"), -1)
+        if name and node < 0:
+            raise KnowledgeFileError(
+                f"{path}, line {number}: {network.source} has no node '{name}'. Expected a node as "
+                f"in the second column of {ALIGNMENT}, or nothing to leave '{label}' out."
+            )
+        entity = entities.index(label)
+        nodes[entity] = node
+        confidences[entity] = float(node >= 0)
+        methods[entity] = "override" if name else "left out"
+    return Alignment(nodes, tuple(methods), confidences)
 
 
 def _alignment_rows(

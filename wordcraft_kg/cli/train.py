@@ -67,7 +67,6 @@ FILE_ONLY = {
     "train-complex": [
         "--batch-size",
         "--checkpoint-every",
-        "--eval-every",
         "--init-scale",
         "--label-noise",
         "--learning-rate",
@@ -79,7 +78,6 @@ FILE_ONLY = {
     "train-links": [
         "--batch-size",
         "--checkpoint-every",
-        "--eval-every",
         "--label-noise",
         "--threads",
         "--train-fraction",
@@ -238,7 +236,7 @@ def _train(
     )
     with run as fit:
         trained = fit()
-    # The training of a recipe scorer raises by itself, and its outcome has no such attribute.
+    # Other trainings raise by themselves, and their outcomes have no such attribute.
     if getattr(trained, "interrupted", False):
         last = next(iter(trainer.kind.checkpoints(trained.folder).records()))
         raise KeyboardInterrupt(interruption_message(trained.folder, trainer.kind.unit, last))
@@ -310,7 +308,6 @@ class LinkTraining(TrainingCommand):
 
     def rows(self, trained: "TrainedLinks") -> Rows:  # noqa: D102
         metrics = trained.metrics
-        assert metrics is not None
         triples = f"{metrics.triples:,} triples ({metrics.kg} graph)"
         rows = [
             ("learned", f"{triples}, {metrics.epochs} epochs in {metrics.seconds:.1f} s"),
@@ -319,8 +316,6 @@ class LinkTraining(TrainingCommand):
         if metrics.outside:
             rows.append(("with", str(metrics.outside)))
         rows += _ranks(metrics, metrics.train_mrr)
-        if metrics.valid_mrr is not None:
-            rows.append(("valid", f"best MRR {metrics.valid_mrr:.3f}, epoch {metrics.best_epoch}"))
         if metrics.choice and not metrics.choice.beats_counting:
             logging.getLogger(__name__).warning(
                 "on held-out train recipes no candidate is better than the frequency rule; expect "

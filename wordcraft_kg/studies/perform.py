@@ -308,8 +308,7 @@ def _scorer(task: Task, root: Path) -> bool:
         _trained(RecipesTraining, RecipesConfig(graph, scorer_config(command, settings)), folder)
     elif command in LinksConfig.commands:
         config = LinksConfig(graph, scorer_config(command, settings))
-        if _trained(LinksTraining, config, folder).interrupted:
-            return False
+        _trained(LinksTraining, config, folder)
     else:
         # Made in a moment, so a cut attempt is not resumed.
         shutil.rmtree(folder, ignore_errors=True)

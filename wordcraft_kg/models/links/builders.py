@@ -20,7 +20,7 @@ from pykeen.triples import TriplesFactory
 
 from wordcraft_kg.base import ConfigError, nearest, refuse
 from wordcraft_kg.graphs import RELATIONS, Ids
-from wordcraft_kg.models.links.complex import ComplExN3
+from wordcraft_kg.models.links.complex import complex_model
 from wordcraft_kg.models.links.link_config import (
     ComplExConfig,
     LinkModelConfig,
@@ -62,7 +62,7 @@ def check_table_fits(model: str, num_entities: int) -> None:
     Raises:
         ConfigError: if PyKEEN has no such model, or its table would be too large.
     """
-    needs_table = not issubclass(model_class(model), (ComplExN3, DistMult))
+    needs_table = not issubclass(model_class(model), DistMult)
     if needs_table and not has_table(num_entities):
         raise ConfigError(
             f"`model` {model!r} needs a score table, {table_bytes(num_entities) / 2**30:,.1f} GiB "
@@ -71,29 +71,14 @@ def check_table_fits(model: str, num_entities: int) -> None:
         )
 
 
-def scorer_kind(config: LinkSettings, num_entities: int) -> str:
-    """Return the scorer kind that a model becomes: ``complex`` (embeddings) or ``table`` (scores).
-
-    Any model but ComplEx is stored as the table of its scores where that fits the limit. In a
-    larger book only DistMult passes the check: it is ComplEx without imaginary parts.
-
-    Raises:
-        ConfigError: as :func:`check_table_fits`.
-    """
-    if isinstance(config, ComplExConfig):
-        return ComplExScorer.kind
-    check_table_fits(config.model, num_entities)
-    return TableScorer.kind if has_table(num_entities) else ComplExScorer.kind
-
-
 def scorer_tensors(
     config: LinkSettings, model: Model, triples: Ids, num_entities: int | None = None
 ) -> tuple[str, dict[str, torch.Tensor]]:
     """Return the kind and tensors of the scorer that a trained model becomes.
 
     ComplEx becomes its embeddings, popularity included; any other model becomes a table of all
-    triples' scores, beside the model's own parameters. If the table would be too large, DistMult
-    becomes embeddings too.
+    triples' scores, beside the model's own parameters, where that fits the limit. In a larger book
+    only DistMult passes the check: it is ComplEx without imaginary parts.
 
     Args:
         config: settings of the model.
@@ -104,16 +89,17 @@ def scorer_tensors(
     Raises:
         ConfigError: as :func:`check_table_fits`.
     """
-    kind = scorer_kind(config, model.num_entities)
-    if kind == TableScorer.kind:
-        tensors = {
-            "scores": all_scores(model, torch.arange(model.num_entities), range(len(RELATIONS)))
-        }
-        for name, value in model.state_dict().items():
-            tensors[f"pykeen.{name}"] = value.cpu()
-        return kind, tensors
-    popularity = getattr(config, "popularity", None) or 0.0
-    return kind, with_popularity(_embeddings(model, num_entities), triples, popularity)
+    if isinstance(config, ComplExConfig):
+        embeddings = _embeddings(model, num_entities)
+        return ComplExScorer.kind, with_popularity(embeddings, triples, config.popularity or 0.0)
+    check_table_fits(config.model, model.num_entities)
+    if not has_table(model.num_entities):
+        return ComplExScorer.kind, _embeddings(model, num_entities)
+    entities = torch.arange(model.num_entities)
+    tensors = {"scores": all_scores(model, entities, range(len(RELATIONS)))}
+    for name, value in model.state_dict().items():
+        tensors[f"pykeen.{name}"] = value.cpu()
+    return TableScorer.kind, tensors
 
 
 def _complex_loop(
@@ -121,14 +107,7 @@ def _complex_loop(
 ) -> TrainingLoop:
     # A model that is built without a training has no chosen weights.
     config = config.fixed()
-    model = ComplExN3(
-        triples_factory=factory,
-        embedding_dim=config.dim,
-        init_scale=config.init_scale,
-        regularizer="powersum" if config.n3 else None,
-        regularizer_kwargs={"weight": config.n3} if config.n3 else None,
-        random_seed=config.seed,
-    ).to(config.device)
+    model = complex_model(factory, config).to(config.device)
     settings: dict[str, Any] = {
         "triples_factory": factory,
         # Without PyKEEN's search for batches that fit into memory: it takes time, and results must

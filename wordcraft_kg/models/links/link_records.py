@@ -16,14 +16,11 @@ class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
     Attributes:
         epoch: number of the epoch, from 1.
         loss: mean loss over the epoch's batches.
-        valid_mrr: filtered MRR on the validation triples; None if they were not ranked after this
-            epoch.
-        seconds: duration with validation, without checkpoints and trackers.
+        seconds: duration without checkpoints and trackers.
     """
 
     epoch: int
     loss: float
-    valid_mrr: float | None = None
     seconds: float
 
 
@@ -114,14 +111,10 @@ class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
         label_noise: fraction of these recipes with a wrong result.
         triples: number of the graph's training triples.
         epochs: number of finished epochs.
-        best_epoch: best epoch by validation MRR; None if nothing was validated.
         seconds: duration of all epochs.
-        seconds_per_epoch: mean duration of an epoch.
         parameters: number of the model's parameters, as PyKEEN stores them.
         loss: last epoch's loss.
-        valid_mrr: validation MRR in the best epoch; None if nothing was validated.
         train_mrr: filtered MRR on the training triples, or a sample: memory, not prediction.
-        train_mrr_triples: number of triples ranked for ``train_mrr``.
         outside: numbers of triples from outside the book; None without.
         choice: chosen regularisation; None if the weights were given or fixed.
         folds: number of cross-fitting folds, 0 without.
@@ -135,14 +128,10 @@ class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
     label_noise: float = 0.0
     triples: int
     epochs: int
-    best_epoch: int | None
     seconds: float
-    seconds_per_epoch: float
     parameters: int
     loss: float
-    valid_mrr: float | None
     train_mrr: float
-    train_mrr_triples: int
     outside: OutsideSummary | None = None
     choice: Choice | None = None
     folds: Count = 0

@@ -99,7 +99,7 @@ def fit_recipe_scorers(
     wanted: Sequence[LeftOut],
     *,
     outside: LinkTables = NOTHING,
-    encoders: Mapping[LeftOut, PairEncoder] | PairEncoder = MappingProxyType({}),
+    encoders: Mapping[LeftOut, PairEncoder] = MappingProxyType({}),
     seed: int = 0,
     workers: int = 1,
     after: Callable[[], None] = lambda: None,
@@ -113,9 +113,9 @@ def fit_recipe_scorers(
         folds: folds of the train recipes.
         words: word vectors.
         wanted: the folds to leave out, () for none.
-        outside: features of links that are the same in all folds.
+        outside: features that are the same in all folds.
         encoders: pair encoders by the folds that they have not seen, all of :func:`encoders_of`;
-            none to do without. Or the encoder of other books, the same for all folds.
+            none for that of other books, if there is one.
         seed: seed of tables and initial weights.
         workers: threads; compiled loops and fits run beside each other.
         after: called after each set of lists and each fit, in the caller's thread; may raise to end
@@ -124,15 +124,13 @@ def fit_recipe_scorers(
     Yields:
         an entry of ``wanted``, and the knowledge fitted without these folds.
     """
-    has_own_encoders = not isinstance(encoders, PairEncoder) and bool(encoders)
+    has_own_encoders = bool(encoders)
     # By the folds left out and the fold held out.
     lessons: dict[tuple[LeftOut, int], _Lesson] = {}
     missing = set(wanted)
 
     def encoder_without(left_out: Collection[int]) -> PairEncoder | None:
-        if isinstance(encoders, PairEncoder):
-            return encoders
-        return encoders.get(tuple(sorted(left_out)))
+        return encoders.get(tuple(sorted(left_out)), outside.encoder)
 
     def make_lessons(left_out: LeftOut, turn: int) -> dict[tuple[LeftOut, int], _Lesson]:
         without = {*left_out, turn}

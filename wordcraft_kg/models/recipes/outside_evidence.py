@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.base import ArtefactError, Record, WordCraftKGError
-from wordcraft_kg.graphs import COMBINES_WITH, RELATIONS, Entity, OpenedGraph, Recipe, open_graph
+from wordcraft_kg.graphs import COMBINES_WITH, RELATIONS, Entity, OpenedGraph, Recipe
 from wordcraft_kg.models.knowledge.books import open_other_book
 from wordcraft_kg.models.knowledge.knowledge_folder import (
     TABLES,
@@ -195,7 +195,6 @@ class OutsideEvidenceFinder:
             spec,
             self.opened,
             keep_train=self.settings.kg == "none",
-            without=[open_graph(book_name).graph for book_name in self.settings.without],
         )
         self._check(book.source.sha256)
         pairs = book.recipes[:, :2]

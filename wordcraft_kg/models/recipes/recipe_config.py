@@ -46,8 +46,8 @@ class RecipeScorerConfig:
         with_: knowledge from outside the train recipes: knowledge folders (elicit,
             import-knowledge), and other books or graph folders of any size.
             For graphs with at most 5,792 entities.
-        without: books or graph folders whose recipes are left out of the training, also of the
-            books in `with`, so that the scorer can be tested on these books; needs `kg` full.
+        without: books or graph folders whose recipes are left out of the training, so that the
+            scorer can be tested on these books; needs `kg` full, and no `with`.
         seed: root seed for rankers, pair encoder, `train_fraction` and `label_noise`.
         threads: CPU threads per fit.
         device: torch device for the pair encoder, such as cpu or cuda.
@@ -90,7 +90,8 @@ class RecipeScorerConfig:
         expected = "a whole number, 2 or more: the rankers learn on held-out folds"
         require(self, "folds", is_number and self.folds >= 2, expected)
         require(self, "allow_missing", isinstance(self.allow_missing, bool), "true or false")
-        require(self, "without", not self.without or self.kg == "full", "empty unless `kg` is full")
+        is_apart = not self.without or (self.kg == "full" and not self.with_)
+        require(self, "without", is_apart, "empty unless `kg` is full and `with` is empty")
         whole("seed", self.seed, 0)
         whole("threads", self.threads, 1, MAX_THREADS)
         one_of("encoder", self.encoder, get_args(UseEncoder))

@@ -268,7 +268,6 @@ class RecipesTraining(FitsTraining):
                 self.outside = open_outside(
                     *sources,
                     allow_missing=settings.allow_missing,
-                    without=self.without,
                 )
         graph = opened.graph
         self.words = named(settings.features, graph.entities)
@@ -335,47 +334,20 @@ class RecipesTraining(FitsTraining):
             report(total, total, {})
         return self._write(run, fits, time.perf_counter() - began)
 
-    def _encoders(
-        self, run: RunFolder[Record], words: Words, after: Callable[[], None]
-    ) -> dict[LeftOut, PairEncoder] | PairEncoder:
-        """Fit the pair encoders that the fits need.
-
-        Empty if the model has no encoder; a single one if it is of other books.
-
-        Args:
-            run: the run's folder.
-            words: word vectors of all entities.
-            after: called after each encoder.
-        """
+    def _encoder_of_others(self, run: RunFolder[Record], dim: int) -> PairEncoder:
+        """Return the pair encoder of other books, for word vectors of length ``dim``."""
         settings = self.config.settings
-        stop = run.interrupted.is_set
-        if self.has_encoder_of_others:
-            encoder = encoder_of_books(
-                self.outside.books,
-                self.opened.graph.num_entities,
-                settings.features,
-                allow_missing=settings.allow_missing,
-                seed=settings.seed,
-                device=settings.device,
-                stop=stop,
-            )
-            after()
-            dim = words.vectors.shape[1]
-            # `auto` may find better words for the graph's labels than for those of all books.
-            return encoder if len(encoder.used_words) == dim else encoder.without_words(dim)
-        encoders = {}
-        for left_out, encoder in fit_encoders(
-            self.folds,
-            torch.from_numpy(words.vectors).float(),
-            encoders_of(self.folds, self.every) if self.has_encoder else [],
+        encoder = encoder_of_books(
+            self.outside.books,
+            self.opened.graph.num_entities,
+            settings.features,
+            allow_missing=settings.allow_missing,
             seed=settings.seed,
-            workers=self.workers,
             device=settings.device,
-            stop=stop,
-        ):
-            encoders[left_out] = encoder
-            after()
-        return encoders
+            stop=run.interrupted.is_set,
+        )
+        # `auto` may find better words for the graph's labels than for those of all books.
+        return encoder if len(encoder.used_words) == dim else encoder.without_words(dim)
 
     def _fitted(
         self, run: RunFolder[Record], after: Callable[[], None]
@@ -390,13 +362,31 @@ class RecipesTraining(FitsTraining):
         if not len(self.folds.recipes()):
             yield (), tables_alone(self.outside.tables, words)
             return
+        settings = self.config.settings
+        outside = self.outside.tables
+        if self.has_encoder_of_others:
+            encoder = self._encoder_of_others(run, words.vectors.shape[1])
+            outside = outside._replace(encoder=encoder)
+            after()
+        encoders = {}
+        for left_out, encoder in fit_encoders(
+            self.folds,
+            torch.from_numpy(words.vectors).float(),
+            encoders_of(self.folds, self.every) if self.has_encoder else [],
+            seed=settings.seed,
+            workers=self.workers,
+            device=settings.device,
+            stop=run.interrupted.is_set,
+        ):
+            encoders[left_out] = encoder
+            after()
         fitted = fit_recipe_scorers(
             self.folds,
             words,
             self.every,
-            outside=self.outside.tables,
-            encoders=self._encoders(run, words, after),
-            seed=self.config.settings.seed,
+            outside=outside,
+            encoders=encoders,
+            seed=settings.seed,
             workers=self.workers,
             after=after,
         )

@@ -316,11 +316,6 @@ class LinkTraining(TrainingCommand):
         if metrics.outside:
             rows.append(("with", str(metrics.outside)))
         rows += _ranks(metrics, metrics.train_mrr)
-        if metrics.choice and not metrics.choice.beats_counting:
-            logging.getLogger(__name__).warning(
-                "on held-out train recipes no candidate is better than the frequency rule; expect "
-                "the same for unseen triples."
-            )
         # A model that has converged remembers its training triples far better than this.
         if metrics.train_mrr < 0.1:
             advice = _how_to_fit(LinksConfig.read(trained.folder))

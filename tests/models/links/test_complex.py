@@ -17,12 +17,12 @@ from torch.nn.functional import cross_entropy
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links import link_config
 from wordcraft_kg.models.links.builders import (
-    POPULARITY_DIMS,
+    MatmulComplExInteraction,
+    complex_model,
     log_counts,
     make_training_loop,
     with_popularity,
 )
-from wordcraft_kg.models.links.complex import MatmulComplExInteraction, complex_model
 from wordcraft_kg.models.links.link_config import (
     FULL_SOFTMAX,
     NEGATIVES,
@@ -145,7 +145,7 @@ def test_scores_gain_the_weighted_log_counts_of_head_and_tail(weight):
     )  # componentOf is not symmetric
     before = embeddings(graph.num_entities, 4, seed=1)
     after = with_popularity(before, graph.triples, weight)
-    assert after["entity_real"].shape == (graph.num_entities, 4 + POPULARITY_DIMS)
+    assert after["entity_real"].shape == (graph.num_entities, 4 + 6)
     as_head, as_tail = log_counts(graph.triples, graph.num_entities)
     for relation in range(len(RELATIONS)):
         old, new = (

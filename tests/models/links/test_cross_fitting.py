@@ -184,20 +184,13 @@ def test_an_interrupted_run_goes_on_with_the_folds_that_are_missing(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("is_damaged", [True, False], ids=["damaged", "of other epochs"])
-def test_a_damaged_fold_or_one_of_other_epochs_is_trained_again(
-    folded, opened_kitchen, tmp_path, caplog, is_damaged
-):
+def test_a_damaged_fold_is_trained_again(folded, opened_kitchen, tmp_path, caplog):
     folder = interrupted(opened_kitchen, SHORT, tmp_path / "model", 14)
-    path = folder / "checkpoints" / f"fold-1.{'safetensors' if is_damaged else 'json'}"
-    data = path.read_bytes()
-    path.write_bytes(
-        data[:-1] + b"x" if is_damaged else data.replace(b'"epochs": 4', b'"epochs": 1')
-    )
-    assert path.read_bytes() != data
+    path = folder / "checkpoints" / "fold-1.safetensors"
+    path.write_bytes(path.read_bytes()[:-1] + b"x")
     with caplog.at_level(logging.WARNING):
         resume(folder)
-    assert ("Training fold 1 again" in caplog.text) == is_damaged
+    assert "Training fold 1 again" in caplog.text
     assert same_files(folder, folded)
 
 

@@ -51,7 +51,6 @@ from wordcraft_kg.models.links.fitting import (
 )
 from wordcraft_kg.models.links.link_config import N3_PARTIAL, LinkSettings
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, read_outside, triples_factory
-from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 from wordcraft_kg.models.scorers.scorer_folder import make_scorer
 from wordcraft_kg.runs.record import read_run
@@ -624,15 +623,12 @@ def test_the_figures_are_those_of_a_ranking_of_what_was_held_out(opened_kitchen,
         return mean_reciprocal_rank(rank_triples(scorer, fold.held_out("test"), fold.graph.triples))
 
     for candidate in found.candidates[::3]:
-        settings = replace(
-            OPEN, n3=candidate.n3, popularity=candidate.popularity, epochs=found.epochs
-        )
+        settings = replace(OPEN, n3=candidate.n3, popularity=candidate.popularity, epochs=1)
         model = fit(settings, triples_factory(fold.graph, fold.partial), lambda epoch: None)
         scorer = make_scorer(
             *scorer_tensors(settings, model, fold.partial), fold.graph.entities, fold.graph.hash
         )
         assert candidate.mrr == pytest.approx(mrr(scorer))
-    assert found.frequency_mrr == pytest.approx(mrr(FrequencyScorer(fold.graph, fold.partial)))
 
 
 @pytest.mark.parametrize(
@@ -658,7 +654,7 @@ def test_a_large_book_chooses_its_popularity_only_on_one_fold_and_a_sample(
     assert {(one.n3, one.popularity) for one in found.candidates} == {
         (N3_PARTIAL, p) for p in POPULARITY
     }
-    assert (found.folds, found.queries) == (1, 80)
+    assert found.queries == 80
 
 
 def test_a_book_with_too_little_to_hold_out_keeps_the_fixed_default():

@@ -36,13 +36,10 @@ from wordcraft_kg.models.links.link_records import Candidate, Choice, LinkProgre
 from wordcraft_kg.models.links.pykeen_bridge import (
     OutsideTriples,
     pykeen_guard,
-    quiet_pykeen,
     seed_everything,
     triples_factory,
 )
-from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, sampled
-from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.scorer_folder import make_scorer
 from wordcraft_kg.runs.checkpoints import Checkpoint
 
@@ -115,7 +112,7 @@ def fit(
         ConfigError: if PyKEEN cannot build the model.
         TrainingError: if the loss is not finite.
     """
-    with pykeen_guard(settings.seed, settings.threads), quiet_pykeen():
+    with pykeen_guard(settings.seed, settings.threads):
         loop = make_training_loop(settings, factory, num_entities)
         train_epochs(loop, factory, settings, lambda epoch, loss: after_epoch(epoch))
     loop.model.eval()
@@ -149,7 +146,6 @@ def restore(loop: TrainingLoop, checkpoint: Checkpoint[LinkProgress]) -> None:
     # The new optimiser keeps its settings; the checkpoint holds only its tensors.
     loop.optimizer.load_state_dict({**loop.optimizer.state_dict(), "state": state})
     loop._epoch = checkpoint.number
-    loop.losses_per_epochs = [row.loss for row in trace]
 
 
 def _optimizer_state(
@@ -244,8 +240,8 @@ def choose(
     epochs = max(round(SHARE_OF_EPOCHS * settings.epochs), 1)
     total = len(weights) * len(folds) * epochs
     epoch_number = count(1)
-    # By N3 weight, and by popularity with the frequency rule last.
-    sums = np.zeros((len(weights), len(POPULARITY) + 1))
+    # By N3 weight and popularity.
+    sums = np.zeros((len(weights), len(POPULARITY)))
     for row, n3 in zip(sums, weights, strict=True):
         # Without popularity: it changes scores only, so one training serves all weights.
         short = replace(settings, n3=n3, popularity=0.0, epochs=epochs)
@@ -253,30 +249,22 @@ def choose(
             row += _reciprocal_ranks(
                 fold, short, outside, lambda _: after_epoch(next(epoch_number), total)
             )
-    means = sums / queries
-    mrrs = means[:, :-1].ravel().tolist()
+    mrrs = (sums / queries).ravel().tolist()
     candidates = [
         Candidate(n3=n3, popularity=popularity, mrr=mrr)
         for (n3, popularity), mrr in zip(product(weights, POPULARITY), mrrs, strict=True)
     ]
-    best = _best(candidates)
+    # Most popularity first; the MRR decides between N3 weights.
+    threshold = (1 - CAUTION) * max(mrrs)
+    good = [candidate for candidate in candidates if candidate.mrr >= threshold]
+    best = max(good, key=lambda candidate: (candidate.popularity, candidate.mrr))
     return Choice(
         n3=best.n3,
         popularity=best.popularity,
         mrr=best.mrr,
-        frequency_mrr=float(means[0, -1]),
         candidates=tuple(candidates),
-        folds=len(folds),
-        epochs=epochs,
         queries=queries,
     )
-
-
-def _best(candidates: list[Candidate]) -> Candidate:
-    # Most popularity first; the MRR decides between N3 weights.
-    threshold = (1 - CAUTION) * max(candidate.mrr for candidate in candidates)
-    good = [candidate for candidate in candidates if candidate.mrr >= threshold]
-    return max(good, key=lambda candidate: (candidate.popularity, candidate.mrr))
 
 
 def _folds(split: Split, recipes: Ids, seed: int, number: int) -> Iterator[Split]:
@@ -305,8 +293,7 @@ def _reciprocal_ranks(
     """Train on a fold and rank what it holds out.
 
     Returns:
-        shape (P + 1,): sums of reciprocal ranks for the P weights in :data:`POPULARITY`, and for
-        counts alone.
+        shape (P,): sums of reciprocal ranks for the P weights in :data:`POPULARITY`.
     """
     graph = fold.graph
     trained_on = fold.partial
@@ -315,17 +302,14 @@ def _reciprocal_ranks(
         settings, triples_factory(graph, trained_on, outside), after_epoch, graph.num_entities
     )
 
-    def sum_of(scorer: Scorer) -> float:
-        ranks = rank_triples(scorer, queries, graph.triples)
-        return float((1 / ranks["rank"]).sum())
-
     sums = []
     # One scorer after the other: each has a copy of all embeddings.
     for weight in POPULARITY:
         popular = replace(settings, popularity=weight)
         tensors = scorer_tensors(popular, model, trained_on, graph.num_entities)
-        sums.append(sum_of(make_scorer(*tensors, graph.entities, graph.hash)))
-    sums.append(sum_of(FrequencyScorer(graph, trained_on)))
+        scorer = make_scorer(*tensors, graph.entities, graph.hash)
+        ranks = rank_triples(scorer, queries, graph.triples)
+        sums.append(float((1 / ranks["rank"]).sum()))
     return np.array(sums)
 
 

@@ -38,42 +38,22 @@ class Candidate(Record, frozen=True, kw_only=True):
     mrr: Share
 
 
-class Choice(Record, frozen=True, kw_only=True):
+class Choice(Candidate, frozen=True, kw_only=True):
     """Content of ``choice.json``: the regularisation chosen on held-out train recipes.
 
     Attributes:
-        n3: chosen N3 weight.
-        popularity: chosen weight of the training counts of entities in the scores.
-        mrr: MRR on the held-out triples with these weights.
-        frequency_mrr: MRR on the same triples with the frequency rule, which ranks entities by
-            training counts.
         candidates: all candidates, also those not chosen.
-        folds: number of random samples of held-out recipes.
-        epochs: epochs per training.
         queries: number of held-out queries over all folds.
     """
 
-    n3: float
-    popularity: float
-    mrr: Share
-    frequency_mrr: Share
     candidates: tuple[Candidate, ...]
-    folds: Count
-    epochs: Count
     queries: Count
-
-    @property
-    def beats_counting(self) -> bool:
-        """Whether any candidate has a higher MRR than a ranking of entities by training counts."""
-        return max(candidate.mrr for candidate in self.candidates) > self.frequency_mrr
 
     def __str__(self) -> str:
         """Return the chosen weights and the metrics in a line."""
-        without = max(candidate.mrr for candidate in self.candidates if not candidate.popularity)
         return (
             f"n3 {self.n3:g}, popularity {self.popularity:g}: MRR {self.mrr:.3f} on "
-            f"{self.queries:,} held-out train queries in {counted(self.folds, 'fold')} (frequency "
-            f"rule {self.frequency_mrr:.3f}, without popularity {without:.3f})"
+            f"{self.queries:,} held-out train queries"
         )
 
 
@@ -144,11 +124,9 @@ class FoldDone(Record, frozen=True, kw_only=True):
 
     Attributes:
         trained_on: hash of the model's training triples.
-        epochs: number of epochs that the model was trained for.
     """
 
     trained_on: Hash
-    epochs: Count
 
 
 class LinkProgress(Record, frozen=True, kw_only=True):

@@ -68,7 +68,6 @@ from wordcraft_kg.models.links.pykeen_bridge import (
     OutsideTriples,
     outside_hashes,
     pykeen_guard,
-    quiet_pykeen,
     read_outside,
     triples_factory,
 )
@@ -89,9 +88,6 @@ from wordcraft_kg.runs.training import Training, train
 LONG = 10.0
 """Shortest training, in seconds, with parallel folds: a process takes seconds to start."""
 
-AfterEpoch = Callable[[int], None]
-"""Called with the number of finished epochs; may raise to end the training."""
-
 
 def decided_folds(settings: LinkSettings, opened: OpenedGraph) -> LinkSettings:
     """Return the settings with a number of folds.
@@ -104,8 +100,7 @@ def decided_folds(settings: LinkSettings, opened: OpenedGraph) -> LinkSettings:
     """
     num_folds = settings.folds
     count = FOLDS if num_folds is None else num_folds
-    has_no_test_part = opened.split.config.kind == "none"
-    if settings.kg == "full" or not count or (num_folds is None and has_no_test_part):
+    if settings.kg == "full" or not count:
         return replace(settings, folds=0)
     try:
         make_folds(opened.split, count)
@@ -136,7 +131,7 @@ class _Job:
     triples: Ids
     outside: OutsideTriples | None
 
-    def train(self, after_epoch: AfterEpoch) -> None:
+    def train(self, after_epoch: Callable[[int], None]) -> None:
         """Train the model, and keep its tensors among the run's checkpoints."""
         size = self.graph.num_entities
         factory = triples_factory(self.graph, self.triples, self.outside)
@@ -151,7 +146,7 @@ class _Job:
     @property
     def done(self) -> FoldDone:
         """The record of a finished model; a model with another record is trained again."""
-        return FoldDone(trained_on=triples_hash(self.triples), epochs=self.settings.epochs)
+        return FoldDone(trained_on=triples_hash(self.triples))
 
 
 def fold_models(folder: Path) -> Checkpoints[FoldDone]:
@@ -318,7 +313,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         triples = self.train_sample.triples
         factory = triples_factory(graph, triples, self.outside)
         trace: list[TraceRow] = []
-        with pykeen_guard(settings.seed, settings.threads), quiet_pykeen():
+        with pykeen_guard(settings.seed, settings.threads):
             loop = make_training_loop(settings, factory, graph.num_entities)
             if checkpoint is not None:
                 with run.restoring():

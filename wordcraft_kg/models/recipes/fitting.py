@@ -225,11 +225,7 @@ def encoders_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LeftOut]:
         folds: folds of the train recipes.
         wanted: the folds that scorers leave out, in the order of their fits.
     """
-    fold_sets: dict[LeftOut, None] = {}
-    for left_out in wanted:
-        with_lists = lists_of(folds, [left_out], has_encoder=True)
-        fold_sets |= dict.fromkeys([left_out, *with_lists])
-    return list(fold_sets)
+    return list(dict.fromkeys([*wanted, *lists_of(folds, wanted, has_encoder=True)]))
 
 
 class _Lesson(NamedTuple):

@@ -14,13 +14,13 @@ from threadpoolctl import threadpool_limits
 
 from wordcraft_kg.base import Count, Record, Share, as_values, dump_json, write_atomically
 from wordcraft_kg.base.tensors import torch_threads
-from wordcraft_kg.graphs.graph_folder import TrainedOn
+from wordcraft_kg.graphs import TrainedOn, describe_train_sample
 from wordcraft_kg.models.knowledge.books import OutsideSource
 from wordcraft_kg.models.knowledge.outside import describe_source
 from wordcraft_kg.models.model import History, cross_fitted_words
 from wordcraft_kg.models.recipes.recipe_config import RecipesConfig
 from wordcraft_kg.runs.checkpoints import Checkpoint
-from wordcraft_kg.runs.record import RunFiles
+from wordcraft_kg.runs.record import RunFiles, scorer_card
 from wordcraft_kg.runs.run_folder import Progress, RunFolder, RunKind
 from wordcraft_kg.runs.trackers import Log
 from wordcraft_kg.runs.training import Training
@@ -204,7 +204,9 @@ class FitsTraining(Training[RecipesConfig, Record, TrainedRecipes]):
         run: RunFolder[Record],
         metrics: RecipeMetrics | SetMetrics,
         fold_files: Sequence[str],
-        card: str,
+        title: str,
+        answers: str,
+        usage: Sequence[str],
     ) -> TrainedRecipes:
         """Write the metrics and the model card, and end the run.
 
@@ -212,8 +214,31 @@ class FitsTraining(Training[RecipesConfig, Record, TrainedRecipes]):
             run: the run's folder.
             metrics: of the training.
             fold_files: names of the files of models without each fold.
-            card: the README.
+            title: of the card.
+            answers: what the scorer answers.
+            usage: lines of Python that ask the scorer.
         """
+        settings = self.config.settings
+        sample = describe_train_sample(settings.train_fraction, settings.label_noise)
+        # The most special setting is described last, and stays.
+        training_data = f"{sample or 'the train recipes'} only."
+        if settings.kg == "full":
+            training_data = (
+                "all recipes, test recipes included: the scores show memory, not prediction."
+            )
+        if settings.without:
+            training_data = f"recipes that are not in {', '.join(settings.without)}."
+        if settings.kg == "none":
+            training_data = "outside knowledge only: this book's recipes are unseen."
+        card = scorer_card(
+            self.opened,
+            title,
+            f"{answers} Fitted on {training_data}",
+            metrics.facts(),
+            "`config.toml` reproduces the training; `run.json` records all versions. For the "
+            "quality on unseen recipes, run\n`wordcraft-kg evaluate-links`.",
+            usage,
+        )
         write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
         run.finish((*OUTPUTS, *fold_files), card)
         return TrainedRecipes(run.path, metrics)

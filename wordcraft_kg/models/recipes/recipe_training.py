@@ -28,7 +28,6 @@ from wordcraft_kg.graphs import (
     RecipeGraph,
     SplitConfig,
     TrainSample,
-    describe_train_sample,
     draw_train_sample,
     is_subsample,
     make_folds,
@@ -68,7 +67,6 @@ from wordcraft_kg.models.scorers.ranker import Ranker
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.score_limits import check_table, fitting_workers
 from wordcraft_kg.models.scorers.scorer_folder import FOLD_OUTPUTS, write_folds, write_scorer
-from wordcraft_kg.runs.record import scorer_card
 from wordcraft_kg.runs.run_folder import Progress, RunFolder
 from wordcraft_kg.runs.training import Training, train
 
@@ -246,8 +244,6 @@ class RecipesTraining(FitsTraining):
             ArtefactError: if a folder of outside knowledge, vectors or a graph is damaged.
         """
         super().__init__(config, opened)
-        # Sets of other sizes are refused before words are looked up.
-        _ = opened.graph.recipes
         settings = config.settings
         sources = (settings.with_, opened, settings.features)
         # Outside knowledge is tables of all pairs: said before files are read and folds drawn.
@@ -288,8 +284,7 @@ class RecipesTraining(FitsTraining):
         # Also where no encoder uses it: a wrong name is noticed before the book grows.
         check_device(settings.device)
         num_folds = self.folds.count if settings.kg == "partial" else 0
-        single_folds = [(fold,) for fold in range(num_folds)]
-        self.every: list[LeftOut] = [(), *single_folds]
+        self.every: list[LeftOut] = [(), *((fold,) for fold in range(num_folds))]
         encoders = len(encoders_of(self.folds, self.every)) if self.has_encoder else 0
         self.workers = fitting_workers(graph.num_entities, num_recipes, dim, cores(), encoders)
 
@@ -439,41 +434,17 @@ class RecipesTraining(FitsTraining):
             fold_in_sample_mrr=record.in_sample_mrr if record else None,
             outside=self.outside.sources,
         )
-        card = _model_card(self.opened, metrics, settings.without)
-        return self.finish(run, metrics, FOLD_OUTPUTS if record else (), card)
-
-
-def _model_card(opened: OpenedGraph, metrics: RecipeMetrics, without: Sequence[str]) -> str:
-    """Return the README of a model folder.
-
-    Args:
-        opened: the graph with its split.
-        metrics: of the training.
-        without: names of books whose recipes are left out.
-    """
-    sample = describe_train_sample(metrics.train_fraction, metrics.label_noise)
-    # The most special setting is described last, and stays.
-    training_data = f"{sample or 'the train recipes'} only."
-    if metrics.kg == "full":
-        training_data = (
-            "all recipes, test recipes included: the scores show memory, not prediction."
+        # Any recipe serves as an example that runs.
+        a, b, result = graph.recipe_labels()[0]
+        return self.finish(
+            run,
+            metrics,
+            FOLD_OUTPUTS if record else (),
+            f"A recipe scorer of the {metrics.kg} knowledge graph of {graph.name}",
+            "Scores recipes, `score_recipes(a, b, result)`, and triples with the relations "
+            "`combinesWith` and `componentOf`.",
+            [
+                f"scorer.score_recipes({a!r}, {b!r}, {result!r})  # nats: higher is more plausible",
+                f"scorer.supporting_recipes({a!r}, {b!r}, {result!r})  # supporting evidence",
+            ],
         )
-    if without:
-        training_data = f"recipes that are not in {', '.join(without)}."
-    if metrics.kg == "none":
-        training_data = "outside knowledge only: this book's recipes are unseen."
-    # Any recipe serves as an example that runs.
-    a, b, result = opened.graph.recipe_labels()[0]
-    return scorer_card(
-        opened,
-        f"A recipe scorer of the {metrics.kg} knowledge graph of {opened.graph.name}",
-        "Scores recipes, `score_recipes(a, b, result)`, and triples with the relations "
-        f"`combinesWith` and `componentOf`. Fitted on {training_data}",
-        metrics.facts(),
-        "`config.toml` reproduces the training; `run.json` records all versions. For the quality "
-        "on unseen triples, run\n`wordcraft-kg evaluate-links`.",
-        [
-            f"scorer.score_recipes({a!r}, {b!r}, {result!r})  # nats: higher is more plausible",
-            f"scorer.supporting_recipes({a!r}, {b!r}, {result!r})  # supporting evidence",
-        ],
-    )

@@ -62,7 +62,6 @@ from wordcraft_kg.models.scorers.sets.parts import (
     read_parts,
 )
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer, stored_names
-from wordcraft_kg.runs.record import scorer_card
 from wordcraft_kg.runs.run_folder import Progress, RunFolder
 
 _OF_PAIRS = ("train_fraction", "label_noise", "with_", "without", "encoder", "device")
@@ -245,7 +244,17 @@ class SetsTraining(FitsTraining):
             lost=self._shares(knowledge.lost, ~knowledge.is_kept),
             shared=self._shares(knowledge.shared, knowledge.is_kept & ~knowledge.is_key),
         )
-        return self.finish(run, metrics, fold_files, self._card(metrics))
+        graph = self.opened.graph
+        goal = graph.entities[int(self.recipes[0, -1])]
+        return self.finish(
+            run,
+            metrics,
+            fold_files,
+            f"A scorer of recipes as sets of the {metrics.kg} knowledge graph of {graph.name}",
+            "Ranks sets of one to eight ingredients for a goal, and scores any set, with "
+            "probabilities.",
+            [f"scorer.recipes({goal!r}, 5)  # sets of ids, with probabilities"],
+        )
 
     def _write_folds(
         self, folder: Path, folds: Folds, fitted: FittedSets, style_parts: Flags
@@ -275,23 +284,6 @@ class SetsTraining(FitsTraining):
         """Return values of some parts by name, the largest first."""
         parts = [part for part in np.argsort(-values, kind="stable") if is_shown[part]]
         return {self.parts.labels[part]: round(float(values[part]), 3) for part in parts}
-
-    def _card(self, metrics: SetMetrics) -> str:
-        """Return the README of the model folder."""
-        graph = self.opened.graph
-        goal = graph.entities[int(self.recipes[0, -1])]
-        data = "the train recipes only."
-        if metrics.kg == "full":
-            data = "all recipes, test recipes included: the scores show memory, not prediction."
-        return scorer_card(
-            self.opened,
-            f"A scorer of recipes as sets of the {metrics.kg} knowledge graph of {graph.name}",
-            "Ranks sets of one to eight ingredients for a goal, and scores any set, "
-            f"with probabilities. Fitted on {data}",
-            metrics.facts(),
-            "`config.toml` reproduces the training; `run.json` records all versions.",
-            [f"scorer.recipes({goal!r}, 5)  # sets of ids, with probabilities"],
-        )
 
 
 def rows_of_sets(graph: RecipeGraph, is_used: Any) -> Ids:

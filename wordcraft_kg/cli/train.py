@@ -61,8 +61,8 @@ EXAMPLES = {
     ),
 }
 FILE_ONLY = {
-    # For comparisons: auto knows when an encoder gains something; studies train on less or worse.
-    "train-recipes": ["--encoder", "--label-noise", "--threads", "--train-fraction"],
+    # For comparisons: studies train on less or worse.
+    "train-recipes": ["--label-noise", "--threads", "--train-fraction"],
     # Chosen once for all by studies.
     "train-complex": [
         "--batch-size",

@@ -64,7 +64,7 @@ from wordcraft_kg.models.scorers.sets.parts import (
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer, stored_names
 from wordcraft_kg.runs.run_folder import Progress, RunFolder
 
-_OF_PAIRS = ("train_fraction", "label_noise", "with_", "without", "encoder", "device")
+_OF_PAIRS = ("train_fraction", "label_noise", "with_", "without", "device")
 """Settings that models of sets do not have."""
 _FEWEST_GOALS = 10
 _WITHOUT_WORDS = {

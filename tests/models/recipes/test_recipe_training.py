@@ -24,9 +24,9 @@ from wordcraft_kg.models.recipes import recipe_training
 from wordcraft_kg.models.recipes.committee import (
     TABLES,
     Examples,
-    _Batch,
     _moments,
     _Network,
+    _prepared,
     _set_gradients,
     fit_committee,
 )
@@ -283,7 +283,7 @@ def test_gradients_are_those_of_automatic_differentiation(generator):
     queries = drawn_queries(generator)
     mean, scale = _moments(queries)
     networks = [_Network.drawn(5, generator) for _ in range(2)]
-    _set_gradients(networks, _Batch.of(queries, torch.arange(40), mean, scale))
+    _set_gradients(networks, *_prepared(queries, torch.arange(40), mean, scale))
     for network in networks:
         copy = [weights.clone().requires_grad_() for weights in network]
         loss_of(copy, queries, mean, scale).backward()

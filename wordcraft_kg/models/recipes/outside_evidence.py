@@ -199,6 +199,7 @@ class OutsideEvidenceFinder:
         self._check(book.source.sha256)
         pairs = book.recipes[:, :2]
         results = book.recipes[:, 2]
+        labels = np.array(book.labels, dtype=object)
 
         def find(slots: _Slots) -> list[OutsideEvidence]:
             a, b, result = slots
@@ -210,12 +211,8 @@ class OutsideEvidenceFinder:
             # An ingredient with the result says more than both ingredients with another result.
             strength = 2 * (uses_any & (results == result)) + uses_both
             order = np.argsort(-strength, kind="stable")[: np.count_nonzero(strength)]
-            evidence = []
-            for row in book.recipes[order[:LIMIT]].tolist():
-                labels = [book.labels[entity] for entity in row]
-                text = str(Recipe.of(*labels))
-                evidence.append(OutsideEvidence(book.source.name, text, None))
-            return evidence
+            recipes = [Recipe.of(*row) for row in labels[book.recipes[order[:LIMIT]]]]
+            return [OutsideEvidence(book.source.name, str(recipe), None) for recipe in recipes]
 
         return find
 

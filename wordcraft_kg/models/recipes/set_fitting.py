@@ -15,6 +15,7 @@ from wordcraft_kg.base.errors import GraphError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge, Vector
 from wordcraft_kg.models.scorers.sets.networks import NAMES, Networks, fit
+from wordcraft_kg.models.scorers.sets.scorer import LIMIT
 
 TOP = (1, 3, 5, 10)
 """Numbers of suggestions, for shares of goals with a right one among them."""
@@ -26,8 +27,6 @@ _COMMITTEE = 5
 """Fewest networks of the committee; each fold has as many that have not seen it."""
 _COMMITTEE_HIDDEN = 64
 _COMMITTEE_EPOCHS = 14
-_LIMIT = 6.0
-"""Largest standardised feature."""
 _NEVER = -1e9
 
 
@@ -254,7 +253,7 @@ def fit_order(lessons: Sequence[Candidates], fold_of_lesson: Ids, seed: int) -> 
     is_right = _padded([lesson.is_right for lesson in lessons])
     is_set = _padded([np.ones(len(lesson.sets), dtype=bool) for lesson in lessons])
     longest, num_features = features.shape[1:]
-    scaled = ((features - mean) / deviation).clamp(-_LIMIT, _LIMIT)
+    scaled = ((features - mean) / deviation).clamp(-LIMIT, LIMIT)
     # 0 for sets, and for right ones.
     never = torch.zeros(is_set.shape).masked_fill(~is_set, _NEVER)
     wrong = torch.zeros(is_set.shape).masked_fill(~is_right, _NEVER)

@@ -227,7 +227,7 @@ class RecipesTraining(FitsTraining):
         words: name of the word vectors; minilm or glove if the setting is auto.
         features: the word vectors.
         workers: sets of lists that are made at once.
-        has_encoder: whether there is a pair encoder of the training recipes.
+        encoders: the folds that pair encoders of the training recipes leave out; none without.
         has_encoder_of_others: whether there is one of other books' recipes.
     """
 
@@ -274,7 +274,6 @@ class RecipesTraining(FitsTraining):
             self.features = words_of_books(self.words, graph.entities, allow_missing=missing)
         dim = self.features.vectors.shape[1]
         num_recipes = len(self.folds.recipes())
-        self.has_encoder = settings.has_encoder(num_recipes)
         num_other_recipes = sum(len(book.recipes) for book in self.outside.books)
         self.has_encoder_of_others = settings.has_encoder_of_others(num_other_recipes)
         if self.has_encoder_of_others:
@@ -285,8 +284,11 @@ class RecipesTraining(FitsTraining):
         check_device(settings.device)
         num_folds = self.folds.count if settings.kg == "partial" else 0
         self.every: list[LeftOut] = [(), *((fold,) for fold in range(num_folds))]
-        encoders = len(encoders_of(self.folds, self.every)) if self.has_encoder else 0
-        self.workers = fitting_workers(graph.num_entities, num_recipes, dim, cores(), encoders)
+        self.encoders: list[LeftOut] = []
+        if settings.has_encoder(num_recipes):
+            self.encoders = encoders_of(self.folds, self.every)
+        num_encoders = len(self.encoders)
+        self.workers = fitting_workers(graph.num_entities, num_recipes, dim, cores(), num_encoders)
 
     @classmethod
     def of(  # noqa: D102 - inherited
@@ -315,9 +317,8 @@ class RecipesTraining(FitsTraining):
         self, run: RunFolder[Record], report: Progress | None
     ) -> TrainedRecipes:
         began = time.perf_counter()
-        num_lists = len(lists_of(self.folds, self.every, has_encoder=self.has_encoder))
-        encoders = encoders_of(self.folds, self.every) if self.has_encoder else []
-        total = num_lists + len(encoders) + self.has_encoder_of_others + len(self.every)
+        num_lists = len(lists_of(self.folds, self.every, has_encoder=bool(self.encoders)))
+        total = num_lists + len(self.encoders) + self.has_encoder_of_others + len(self.every)
         fits = []
         for left_out, knowledge in self._fitted(run, counter(run, report, total)):
             # The main model has the words for all folds.
@@ -328,21 +329,6 @@ class RecipesTraining(FitsTraining):
         if report:
             report(total, total, {})
         return self._write(run, fits, time.perf_counter() - began)
-
-    def _encoder_of_others(self, run: RunFolder[Record], dim: int) -> PairEncoder:
-        """Return the pair encoder of other books, for word vectors of length ``dim``."""
-        settings = self.config.settings
-        encoder = encoder_of_books(
-            self.outside.books,
-            self.opened.graph.num_entities,
-            settings.features,
-            allow_missing=settings.allow_missing,
-            seed=settings.seed,
-            device=settings.device,
-            stop=run.interrupted.is_set,
-        )
-        # `auto` may find better words for the graph's labels than for those of all books.
-        return encoder if len(encoder.used_words) == dim else encoder.without_words(dim)
 
     def _fitted(
         self, run: RunFolder[Record], after: Callable[[], None]
@@ -360,14 +346,26 @@ class RecipesTraining(FitsTraining):
         settings = self.config.settings
         outside = self.outside.tables
         if self.has_encoder_of_others:
-            encoder = self._encoder_of_others(run, words.vectors.shape[1])
+            encoder = encoder_of_books(
+                self.outside.books,
+                self.opened.graph.num_entities,
+                settings.features,
+                allow_missing=settings.allow_missing,
+                seed=settings.seed,
+                device=settings.device,
+                stop=run.interrupted.is_set,
+            )
+            dim = words.vectors.shape[1]
+            if len(encoder.used_words) != dim:
+                # `auto` finds better words for the graph's labels than for those of all books.
+                encoder = encoder.without_words(dim)
             outside = outside._replace(encoder=encoder)
             after()
         encoders = {}
         for left_out, encoder in fit_encoders(
             self.folds,
             torch.from_numpy(words.vectors).float(),
-            encoders_of(self.folds, self.every) if self.has_encoder else [],
+            self.encoders,
             seed=settings.seed,
             workers=self.workers,
             device=settings.device,

@@ -155,15 +155,9 @@ def test_features_that_are_no_words_say_nothing_of_new_ones(opened_kitchen, tmp_
         with_words(trained.folder, load_scorer(trained.folder), ["naan"])
 
 
-def test_labels_that_are_not_new_or_not_labels_are_refused(scorer):
-    vectors = np.zeros((2, DIMENSIONS))
-    for labels in (["naan", "naan"], ["naan", "flour"]):
-        with pytest.raises(ConfigError, match=f"'{labels[1]}'"):
-            extended(scorer, labels, vectors)
+def test_what_is_no_label_is_refused(scorer):
     with pytest.raises(ValueError, match="blank"):
-        extended(scorer, ["naan", " "], vectors)
-    with pytest.raises(ConfigError, match=r"shape \(2, 8\); expected \(1, 8\)"):
-        extended(scorer, ["naan"], vectors)
+        extended(scorer, ["naan", " "], np.zeros((2, DIMENSIONS)))
 
 
 def test_a_model_of_built_in_vectors_places_other_words_by_glove(recipes_folder):

@@ -48,28 +48,17 @@ def extended(
     Args:
         scorer: scores E entities, without outside knowledge; of a cross-fitted scorer, the main
             scorer is extended.
-        labels: the new entities, which get ids from E on.
+        labels: the new entities, each once, which get ids from E on.
         vectors: their unit word vectors, shape (n, D).
 
     Raises:
-        ConfigError: if the scorer has another kind, a label is known or repeated, or the vectors
-            have another shape.
+        ConfigError: if the scorer has another kind.
         RecipeFileError: if a label is invalid.
     """
     main = _recipe_scorer(scorer)
-    checked = [check_label(label, "a new entity") for label in labels]
-    entities = (*main.entities, *checked)
-    if len(set(entities)) < len(entities):
-        # From the end, where the new labels are.
-        repeated = next(label for label in reversed(entities) if entities.count(label) > 1)
-        raise ConfigError(f"the new entity '{repeated}' exists already; expected each label once.")
+    entities = (*main.entities, *(check_label(label, "a new entity") for label in labels))
     constants = main.knowledge.constants()
     old = constants["vectors"].cpu()
-    if vectors.shape != (len(labels), old.shape[1]):
-        raise ConfigError(
-            f"`vectors` have shape {vectors.shape}; expected ({len(labels)}, {old.shape[1]}), a "
-            "vector for each new entity, of the length of the model's vectors."
-        )
     # Half precision, as the vectors of old entities are stored.
     every = torch.cat([old, torch.from_numpy(vectors.astype(np.float16))])
     size = len(main.entities)
@@ -160,7 +149,7 @@ def with_words(
     Args:
         folder: the model's folder, written by ``train-recipes``.
         scorer: the folder's scorer.
-        labels: the new entities, without duplicates.
+        labels: the new entities, without duplicates, none of which the scorer knows.
         where: returns an error prefix for a label, such as a line number.
         allow_missing: use zeros for labels without a vector.
 
@@ -168,7 +157,7 @@ def with_words(
         UnknownEntityError: if the model uses no words, or outside knowledge, or a label has no
             vector.
         ArtefactError: if the folder is damaged, or the word vectors have changed.
-        ConfigError: if a label is known, or the model's vector file is missing or damaged.
+        ConfigError: if the model's vector file is missing or damaged.
         RecipeFileError: if a label is invalid.
 
     Example:
@@ -241,8 +230,6 @@ def with_words(
 
 def _why_unknown(words: str) -> str:
     """Return why a label has no vector in the features ``words``, and what to do."""
-    if words == "minilm":
-        return "No word in this label has a vector."
     if os.path.isdir(words):
         return (
             f"The model's `features` {words} have no vector for this label. Encode it with the "

@@ -147,9 +147,8 @@ def read_metrics(files: RunFiles) -> RecipeMetrics | SetMetrics:
     Raises:
         ArtefactError: if the file is missing, damaged or has changed.
     """
-    if is_of_sets(files):
-        return files.record("metrics.json", SetMetrics)
-    return files.record("metrics.json", RecipeMetrics)
+    kind: type[RecipeMetrics | SetMetrics] = SetMetrics if is_of_sets(files) else RecipeMetrics
+    return files.record("metrics.json", kind)
 
 
 def recipes_history(files: RunFiles) -> History:

@@ -29,13 +29,15 @@ def read_scores(path: Path, graph: RecipeGraph) -> SetTableScorer:
     """
     try:
         text = read_large_file(path).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise KnowledgeFileError(f"{path}: not UTF-8 ({error.reason}). Save it as UTF-8.") from None
-    table = csv.DictReader(text.splitlines())
-    if set(table.fieldnames or ()) != _COLUMNS:
+        table = csv.DictReader(text.splitlines())
+        names = table.fieldnames or ()
+    # csv.Error: such as a cell of a megabyte.
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise KnowledgeFileError(f"{path}: {error}. Save it as CSV in UTF-8.") from None
+    if set(names) != _COLUMNS:
         raise KnowledgeFileError(
-            f"{path}: found the columns {', '.join(map(repr, table.fieldnames or ())) or 'none'}; "
-            "expected set, result and score."
+            f"{path}: found the columns {', '.join(map(repr, names)) or 'none'}; expected set, "
+            "result and score."
         )
     values: dict[tuple[tuple[int, ...], int], float] = {}
     try:
@@ -44,7 +46,6 @@ def read_scores(path: Path, graph: RecipeGraph) -> SetTableScorer:
             if (ingredients, result) in values:
                 raise ValueError("this set and result stand in an earlier line, too.")
             values[ingredients, result] = score
-    # csv.Error: such as a cell of a megabyte.
     except (UnknownEntityError, ValueError, csv.Error) as error:
         raise KnowledgeFileError(f"{path}, line {table.reader.line_num}: {error}") from None
     if not values:

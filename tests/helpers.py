@@ -91,6 +91,23 @@ def resume(folder, *, graph=None, **options):
     return train(replace(config, graph=graph or config.graph), folder, **options)
 
 
+def recorded(monkeypatch, module, name):
+    """Return a list that receives what a function is asked to fit: its third argument.
+
+    A run that begins anew ends with the same bytes as one that goes on: what it fits tells them
+    apart.
+    """
+    wanted = []
+    function = getattr(module, name)
+
+    def call(folds, words, missing, **others):
+        wanted.extend(missing)
+        return function(folds, words, missing, **others)
+
+    monkeypatch.setattr(module, name, call)
+    return wanted
+
+
 def with_other_results(opened: OpenedGraph, seed: int | None) -> OpenedGraph:
     """Replace the results of all held-out recipes: permuted by a seed, or all one entity for None.
 

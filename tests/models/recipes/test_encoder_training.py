@@ -6,7 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from link_helpers import random_graph, rewritten, write_random_book
+from helpers import recorded, resume
+from link_helpers import (
+    contents,
+    interrupt_after,
+    random_graph,
+    rewritten,
+    same_files,
+    write_random_book,
+)
 from short_fits import assert_sources_are_restored, short_fits, words_of
 
 from wordcraft_kg import RecipeGraph, WordCraftConfig, World, load_scorer, open_graph
@@ -14,7 +22,7 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig, make_split
 from wordcraft_kg.graphs.train_samples import Folds, make_folds
 from wordcraft_kg.models.knowledge.books import open_other_book
-from wordcraft_kg.models.recipes import encoder_fitting, fitting, recipe_config
+from wordcraft_kg.models.recipes import encoder_fitting, fitting, recipe_config, recipe_training
 from wordcraft_kg.models.recipes.encoder_fitting import EncoderSchedule, fit_encoders
 from wordcraft_kg.models.recipes.fitting import encoders_of, fit_recipe_scorers
 from wordcraft_kg.models.recipes.recipe_config import (
@@ -44,6 +52,29 @@ def trained(book, tmp_path_factory):
     """A recipe scorer with an encoder; read only."""
     folder = tmp_path_factory.mktemp("models") / "with"
     return train_recipes(RecipesConfig(str(book), WITH), folder).folder
+
+
+@pytest.mark.parametrize(
+    ("done", "left"),
+    [
+        pytest.param(1, 5, marks=pytest.mark.slow),
+        pytest.param(4, 2, marks=pytest.mark.slow),
+        (7, 0),
+    ],
+)
+def test_an_interrupted_run_continues_to_the_same_bytes(book, trained, done, left, monkeypatch):
+    # Six encoders come first: (), (0,), (0, 1), (1,), (2,), (0, 2).
+    folder = trained.parent / f"interrupted-{done}"
+    with pytest.raises(KeyboardInterrupt, match=r"part \d is saved in .*Repeat the command"):
+        train_recipes(RecipesConfig(str(book), WITH), folder, progress=interrupt_after(done))
+    before = contents(folder / "checkpoints")
+    needed = recorded(monkeypatch, recipe_training, "fit_encoders")
+    resume(folder)
+    assert before
+    # Beside the encoder that was reported, another may have ended.
+    assert len(needed) <= left
+    assert not (folder / "checkpoints").exists()
+    assert same_files(folder, trained, "calibration.json")
 
 
 def test_ctrl_c_in_the_middle_of_a_fit_ends_it():

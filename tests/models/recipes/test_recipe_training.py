@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from helpers import recorded, resume
 from link_helpers import contents, interrupt_after, rewritten, same_files
 from short_fits import assert_sources_are_restored, short_fits
 
@@ -77,12 +78,15 @@ def test_the_same_settings_give_the_same_bytes_with_one_thread_or_two(book, smal
 
 
 @compares_fits
-def test_an_interrupted_run_leaves_nothing(book, tmp_path):
-    with pytest.raises(KeyboardInterrupt):
-        train_recipes(
-            RecipesConfig(str(book), SMALL), tmp_path / "model", progress=interrupt_after(4)
-        )
-    assert not (tmp_path / "model").exists()
+def test_an_interrupted_run_continues_to_the_same_bytes(book, small, monkeypatch):
+    # 3 sets of lists serve the first fit, 2 more the second, 1 more both others.
+    folder = small.parent / "interrupted"
+    with pytest.raises(KeyboardInterrupt, match=r"part 1 is saved.*Repeat the command"):
+        train_recipes(RecipesConfig(str(book), SMALL), folder, progress=interrupt_after(4))
+    made = recorded(monkeypatch, recipe_training, "fit_recipe_scorers")
+    resume(folder)
+    assert made == [(0,), (1,), (2,)]
+    assert same_files(folder, small, "calibration.json")
 
 
 def test_the_folder_has_words_once_and_a_scorer_for_each_fold(small, book):

@@ -4,6 +4,7 @@ import gzip
 import itertools
 import json
 import math
+import shutil
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,9 +13,10 @@ import numpy as np
 import pytest
 import scipy.optimize
 import torch
+from link_helpers import interrupt_after
 
 from wordcraft_kg import load_scorer, open_model
-from wordcraft_kg.base.errors import ConfigError, GraphError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphError
 from wordcraft_kg.evaluation import ranked_sets
 from wordcraft_kg.evaluation.ranked_sets import rank_sets, read_predictions
 from wordcraft_kg.evaluation.suggestions import Wish, suggest
@@ -267,6 +269,40 @@ def test_equal_seeds_give_equal_bits_and_no_global_generator_changes(letters_mod
     assert torch.equal(state, torch.random.get_rng_state())
     assert all(torch.equal(first[name], second[name]) for name in first)
     assert not torch.equal(first["network.first"], other["network.first"])
+
+
+def test_an_interrupted_training_continues_to_the_same_bytes(letters, tmp_path, monkeypatch):
+    monkeypatch.setattr(set_fitting, "_EPOCHS", 1)
+    settings = RecipeScorerConfig(folds=3, parts=str(letters / "parts.csv"))
+    config = RecipesConfig(str(letters / "graph"), settings)
+    whole = train_recipes(config, tmp_path / "whole").folder
+    with pytest.raises(KeyboardInterrupt, match="part 2 is saved"):
+        train_recipes(config, tmp_path / "resumed", progress=interrupt_after(1))
+    fits = []
+    fit_network = set_fitting.fit_network
+    monkeypatch.setattr(
+        set_fitting,
+        "fit_network",
+        lambda *args, **settings: fits.append(args) or fit_network(*args, **settings),
+    )
+    resumed = train_recipes(config, tmp_path / "resumed").folder
+    # The last fold, and all recipes.
+    assert len(fits) == 2
+    name = "model.safetensors"
+    assert (resumed / name).read_bytes() == (whole / name).read_bytes()
+    assert not (resumed / "checkpoints").exists()
+
+
+def test_a_training_does_not_continue_with_other_parts(letters, tmp_path, monkeypatch):
+    monkeypatch.setattr(set_fitting, "_EPOCHS", 1)
+    parts = tmp_path / "parts.csv"
+    shutil.copy(letters / "parts.csv", parts)
+    config = RecipesConfig(str(letters / "graph"), RecipeScorerConfig(folds=3, parts=str(parts)))
+    with pytest.raises(KeyboardInterrupt):
+        train_recipes(config, tmp_path / "model", progress=interrupt_after(1))
+    parts.write_text(parts.read_text().replace("Gab,a,1", "Gab,a,2"))
+    with pytest.raises(ArtefactError, match="`parts` has changed"):
+        train_recipes(config, tmp_path / "model")
 
 
 @pytest.mark.parametrize(

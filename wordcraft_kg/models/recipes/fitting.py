@@ -118,8 +118,8 @@ def fit_recipe_scorers(
             none for that of other books, if there is one.
         seed: seed of tables and initial weights.
         workers: threads; compiled loops and fits run beside each other.
-        after: called after each set of lists and each fit, in the caller's thread; may raise to end
-            the fits.
+        after: called after each set of lists, and after a fit is taken, in the caller's thread; may
+            raise to end the fits.
 
     Yields:
         an entry of ``wanted``, and the knowledge fitted without these folds.
@@ -173,9 +173,8 @@ def fit_recipe_scorers(
             num_waiting = workers - 1 if number < len(wanted) else 0
             while len(fits) > num_waiting:
                 fold_set, first_fit = fits.popleft()
-                knowledge = first_fit.result()
+                yield fold_set, first_fit.result()
                 after()
-                yield fold_set, knowledge
     finally:
         # After Ctrl-C, what is not begun is never made.
         pool.shutdown(cancel_futures=True)

@@ -4,7 +4,7 @@ The page docs/architecture.md, *On disk*, lists the files of a model folder.
 """
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -12,7 +12,15 @@ from typing import Any, ClassVar
 
 from threadpoolctl import threadpool_limits
 
-from wordcraft_kg.base import Count, Record, Share, as_values, dump_json, write_atomically
+from wordcraft_kg.base import (
+    ArtefactError,
+    Count,
+    Record,
+    Share,
+    as_values,
+    dump_json,
+    write_atomically,
+)
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs import TrainedOn, describe_train_sample
 from wordcraft_kg.models.knowledge.books import OutsideSource
@@ -174,16 +182,28 @@ def made_by_other_books(sources: Sequence[OutsideSource]) -> frozenset[str] | No
 
 
 class FitsTraining(Training[RecipesConfig, Record, TrainedRecipes]):
-    """Base of trainings by fits, which have no checkpoints: an interrupted one begins again."""
+    """Base of trainings that save each finished fit; a resumed run makes the missing ones."""
 
     kind: ClassVar[RunKind[Any]] = RunKind(
-        RecipesConfig.commands, "recipes", unit="part", progress=Record
+        RecipesConfig.commands, "recipes", unit="part", progress=Record, kept=None
     )
     config_type = RecipesConfig
 
     @abstractmethod
+    def inputs(self) -> dict[str, str]:
+        """Return the hashes of all inputs by name."""
+
+    @abstractmethod
     def make(self, run: RunFolder[Record], report: Progress | None) -> TrainedRecipes:
-        """Make all fits, and write the model folder."""
+        """Make and save all fits that are not saved yet, and write the model folder."""
+
+    def begin(  # noqa: D102 - inherited
+        self, run: RunFolder[Record], report: Progress | None
+    ) -> Mapping[str, Any]:
+        return {"inputs": self.inputs()}
+
+    def restored(self, run: RunFolder[Record]) -> None:
+        """Return None in place of a checkpoint: a resumed run reads all saved fits."""
 
     def fit(  # noqa: D102 - inherited
         self,
@@ -193,6 +213,16 @@ class FitsTraining(Training[RecipesConfig, Record, TrainedRecipes]):
         checkpoint: Checkpoint[Record] | None,
     ) -> TrainedRecipes:
         # A fit has no epochs, so `log` gets nothing, and `checkpoint` is None.
+        if not run.is_live:
+            # Fits of one run must have the same inputs, or folds and main model would differ in
+            # more than the recipes that they leave out.
+            for name, sha256 in self.inputs().items():
+                if sha256 != run.record.inputs.get(name):
+                    raise ArtefactError(
+                        f"`{name}` has changed since '{run.path}' began. Restore the earlier "
+                        "files, or train again with `force`."
+                    )
+            run.resume(self.config)
         threads = self.config.settings.threads
         # For small arrays, further threads mostly wait, at full load.
         with torch_threads(threads), threadpool_limits(threads):
@@ -255,7 +285,8 @@ def counter(run: RunFolder[Record], report: Progress | None, total: int) -> Call
         report: progress callback; None reports nothing.
         total: number of all parts.
     """
-    numbers = count(1)
+    # Parts that an interrupted run has saved are not made again.
+    numbers = count(1 + len(run.checkpoints.records()))
 
     def after() -> None:
         if run.interrupted.is_set():

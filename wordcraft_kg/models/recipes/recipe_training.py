@@ -1,13 +1,13 @@
 """Fit recipe scorers into a model folder.
 
 One is fitted on all train recipes, and for cross-fitting one without each fold in turn. Fits run in
-parallel if there are enough CPU cores.
+parallel if there are enough CPU cores. A resumed run makes only fits that were not finished.
 
 The page docs/explanation/recipe-scorer.md has the formulas of what is fitted.
 """
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from torch import Tensor
 
 from wordcraft_kg.base import ConfigError, Record, cores
 from wordcraft_kg.base.statistics import standardised
-from wordcraft_kg.base.tensors import check_device, copied, torch_threads
+from wordcraft_kg.base.tensors import check_device, torch_threads
 from wordcraft_kg.graphs import (
     COMBINES_WITH,
     COMPONENT_OF,
@@ -78,7 +78,7 @@ def train_recipes(
     force: bool = False,
     progress: Progress | bool | None = None,
 ) -> TrainedRecipes:
-    """Fit a recipe scorer into a model folder.
+    """Fit a recipe scorer into a model folder, or resume an interrupted run with the same settings.
 
     Args:
         config: all settings.
@@ -87,7 +87,7 @@ def train_recipes(
         progress: called after each fitting step; True shows a bar, None or False nothing.
 
     Raises:
-        KeyboardInterrupt: after Ctrl-C; nothing is kept.
+        KeyboardInterrupt: after Ctrl-C; the same call makes the fits that are not saved.
 
     Further errors are those of :func:`~wordcraft_kg.runs.training.train`.
 
@@ -227,7 +227,8 @@ class RecipesTraining(FitsTraining):
         words: name of the word vectors; minilm or glove if the setting is auto.
         features: the word vectors.
         workers: sets of lists that are made at once.
-        encoders: the folds that pair encoders of the training recipes leave out; none without.
+        encoders: the folds that each pair encoder leaves out, in the order of their fits; empty
+            without, and () alone for that of other books' recipes.
         has_encoder_of_others: whether there is one of other books' recipes.
     """
 
@@ -289,6 +290,8 @@ class RecipesTraining(FitsTraining):
             self.encoders = encoders_of(self.folds, self.every)
         num_encoders = len(self.encoders)
         self.workers = fitting_workers(graph.num_entities, num_recipes, dim, cores(), num_encoders)
+        if self.has_encoder_of_others:
+            self.encoders = [()]
 
     @classmethod
     def of(  # noqa: D102 - inherited
@@ -298,9 +301,7 @@ class RecipesTraining(FitsTraining):
             return SetsTraining(config, opened)
         return cls(config, opened)
 
-    def begin(  # noqa: D102 - inherited
-        self, run: RunFolder[Record], report: Progress | None
-    ) -> Mapping[str, Any]:
+    def inputs(self) -> dict[str, str]:  # noqa: D102 - inherited
         settings = self.config.settings
         inputs = {"features": self.features.sha256}
         # Two sources may have one name.
@@ -311,41 +312,71 @@ class RecipesTraining(FitsTraining):
             inputs["folds"] = self.folds.hash
         if is_subsample(settings.train_fraction, settings.label_noise):
             inputs["train_sample"] = self.folds.train_sample.hash
-        return {"inputs": inputs}
+        return inputs
 
     def make(  # noqa: D102 - inherited
         self, run: RunFolder[Record], report: Progress | None
     ) -> TrainedRecipes:
         began = time.perf_counter()
-        num_lists = len(lists_of(self.folds, self.every, has_encoder=bool(self.encoders)))
-        total = num_lists + len(self.encoders) + self.has_encoder_of_others + len(self.every)
-        fits = []
-        for left_out, knowledge in self._fitted(run, counter(run, report, total)):
+        has_encoders = bool(self.encoders) and not self.has_encoder_of_others
+        num_lists = len(lists_of(self.folds, self.every, has_encoder=has_encoders))
+        total = num_lists + len(self.encoders) + len(self.every)
+        after = counter(run, report, total)
+        words = Words.of(self.features)
+        fitted = self._fitted(run, words, self._encoders(run, words, after), after)
+        for left_out, knowledge in fitted:
             # The main model has the words for all folds.
             skipped = RecipeScorer.shared if left_out else ()
             constants = knowledge.constants().items()
-            # Copies: the fits may have an encoder in common, which a file has for each.
-            fits.append(copied({name: part for name, part in constants if name not in skipped}))
+            tensors = {name: tensor for name, tensor in constants if name not in skipped}
+            run.checkpoints.save(self._number_of(left_out), tensors, Record())
         if report:
             report(total, total, {})
-        return self._write(run, fits, time.perf_counter() - began)
+        return self._write(run, time.perf_counter() - began)
 
-    def _fitted(
-        self, run: RunFolder[Record], after: Callable[[], None]
-    ) -> Iterator[tuple[LeftOut, RecipeKnowledge]]:
-        """Yield the folds left out and the knowledge fitted without them, for each fit.
+    def _number_of(self, left_out: LeftOut) -> int:
+        """Return the number of a fit among the saved parts, from 1: encoders come first."""
+        return 1 + len(self.encoders) + self.every.index(left_out)
+
+    def _encoders(
+        self, run: RunFolder[Record], words: Words, after: Callable[[], None]
+    ) -> dict[LeftOut, PairEncoder]:
+        """Return all pair encoders: saved ones, and new ones, which are fitted and saved.
 
         Args:
             run: the run's folder.
-            after: called after each encoder, each set of lists and each fit.
+            words: word vectors of all entities.
+            after: called after each new encoder.
         """
-        words = Words.of(self.features)
-        if not len(self.folds.recipes()):
-            yield (), tables_alone(self.outside.tables, words)
-            return
+        saved = run.checkpoints.records()
+        missing = [part for number, part in enumerate(self.encoders, 1) if number not in saved]
+        for left_out, encoder in self._new_encoders(run, words, missing):
+            number = 1 + self.encoders.index(left_out)
+            run.checkpoints.save(number, encoder._asdict(), Record())
+            after()
+        return {
+            left_out: PairEncoder(**run.checkpoints.read(number).tensors)
+            for number, left_out in enumerate(self.encoders, 1)
+        }
+
+    def _new_encoders(
+        self, run: RunFolder[Record], words: Words, missing: Sequence[LeftOut]
+    ) -> Iterator[tuple[LeftOut, PairEncoder]]:
+        """Fit pair encoders; yield the folds that each leaves out, and the encoder."""
         settings = self.config.settings
-        outside = self.outside.tables
-        if self.has_encoder_of_others:
+        if not self.has_encoder_of_others:
+            yield from fit_encoders(
+                self.folds,
+                torch.from_numpy(words.vectors).float(),
+                missing,
+                seed=settings.seed,
+                workers=self.workers,
+                device=settings.device,
+                stop=run.interrupted.is_set,
+            )
+            return
+        # At most one, of other books.
+        for left_out in missing:
             encoder = encoder_of_books(
                 self.outside.books,
                 self.opened.graph.num_entities,
@@ -359,27 +390,38 @@ class RecipesTraining(FitsTraining):
             if len(encoder.used_words) != dim:
                 # `auto` finds better words for the graph's labels than for those of all books.
                 encoder = encoder.without_words(dim)
-            outside = outside._replace(encoder=encoder)
-            after()
-        encoders = {}
-        for left_out, encoder in fit_encoders(
-            self.folds,
-            torch.from_numpy(words.vectors).float(),
-            self.encoders,
-            seed=settings.seed,
-            workers=self.workers,
-            device=settings.device,
-            stop=run.interrupted.is_set,
-        ):
-            encoders[left_out] = encoder
-            after()
+            yield left_out, encoder
+
+    def _fitted(
+        self,
+        run: RunFolder[Record],
+        words: Words,
+        encoders: dict[LeftOut, PairEncoder],
+        after: Callable[[], None],
+    ) -> Iterator[tuple[LeftOut, RecipeKnowledge]]:
+        """Yield the folds left out and the knowledge fitted without them, for each missing fit.
+
+        Args:
+            run: the run's folder.
+            words: word vectors of all entities.
+            encoders: pair encoders by the folds that they leave out.
+            after: called after each set of lists and each fit.
+        """
+        if not len(self.folds.recipes()):
+            yield (), tables_alone(self.outside.tables, words)
+            return
+        outside = self.outside.tables
+        if self.has_encoder_of_others:
+            outside = outside._replace(encoder=encoders[()])
+            encoders = {}
+        saved = run.checkpoints.records()
         fitted = fit_recipe_scorers(
             self.folds,
             words,
-            self.every,
+            [left_out for left_out in self.every if self._number_of(left_out) not in saved],
             outside=outside,
             encoders=encoders,
-            seed=settings.seed,
+            seed=self.config.settings.seed,
             workers=self.workers,
             after=after,
         )
@@ -387,20 +429,12 @@ class RecipesTraining(FitsTraining):
             # A zero-shot scorer is fitted on a joint graph, and saved for the graph alone.
             yield left_out, knowledge if self.own is None else knowledge.of_entities(self.own)
 
-    def _write(
-        self, run: RunFolder[Record], fits: Sequence[dict[str, Tensor]], seconds: float
-    ) -> TrainedRecipes:
-        """Write the scorers, their metrics and the model card.
-
-        Args:
-            run: the run's folder.
-            fits: tensors of the main model and, without its shared ones, of each fold.
-            seconds: duration of the fits.
-        """
+    def _write(self, run: RunFolder[Record], seconds: float) -> TrainedRecipes:
+        """Write the scorers from the saved fits, their metrics and the model card."""
         graph = self.opened.graph
         settings = self.config.settings
         folds = self.folds
-        tensors = fits[0]
+        tensors = run.checkpoints.read(self._number_of(())).tensors
         write_scorer(run.path, RecipeScorer.kind, tensors, graph)
         record = None
         if settings.kg == "partial":
@@ -408,7 +442,8 @@ class RecipesTraining(FitsTraining):
             shared = {name: tensors[name] for name in RecipeScorer.shared}
 
             def part(fold: int) -> tuple[str, dict[str, Tensor]]:
-                return triples_hash(folds.triples([fold])), shared | fits[1 + fold]
+                fit = run.checkpoints.read(self._number_of((fold,)))
+                return triples_hash(folds.triples([fold])), shared | fit.tensors
 
             main = RecipeScorer(tensors, graph.entities, graph.hash)
             record = write_folds(

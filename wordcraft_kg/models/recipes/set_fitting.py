@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
 
-from wordcraft_kg.base.errors import GraphError
+from wordcraft_kg.base import GraphError, Record
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge, Vector
 from wordcraft_kg.models.scorers.sets.networks import NAMES, Networks, fit
 from wordcraft_kg.models.scorers.sets.scorer import LIMIT
+from wordcraft_kg.runs.checkpoints import Checkpoints
 
 TOP = (1, 3, 5, 10)
 """Numbers of suggestions, for shares of goals with a right one among them."""
@@ -111,6 +112,7 @@ def fit_sets(
     *,
     seed: int,
     folds: int = 5,
+    saved: Checkpoints[Record] | None = None,
     after: Callable[[], None] = lambda: None,
 ) -> FittedSets:
     """Fit a model of sets.
@@ -121,22 +123,35 @@ def fit_sets(
         words: unit vectors of all entities, shape (E, D).
         seed: root seed.
         folds: parts of the train goals, each scored by knowledge without its recipes.
+        saved: where the networks of each fold, and of all recipes, are saved, and read if there.
         after: called after each network that is fitted.
+
+    Raises:
+        ArtefactError: if a saved network is damaged.
     """
     fold_of_recipe = folds_of_recipes(recipes, folds, seed)
     lessons: list[list[Candidates]] = []
     networks = []
     whole = SetKnowledge(recipes, amounts, words)
+
+    def network_of(knowledge: SetKnowledge, number: int, members: int) -> Networks:
+        part = 1 + number
+        if saved is not None and part in saved.records():
+            return Networks.of(saved.read(part).tensors, "")
+        network = fit_network(knowledge, seed * 1_000 + number, members=members)
+        if saved is not None:
+            saved.save(part, network.tensors(""), Record())
+        after()
+        return network
+
     for fold in range(folds):
         others = recipes[fold_of_recipe != fold]
         knowledge = SetKnowledge(others, amounts, words, whole.style_parts)
         held_out = recipes[fold_of_recipe == fold]
-        network = fit_network(knowledge, seed * 1_000 + fold, members=1)
-        after()
+        network = network_of(knowledge, fold, 1)
         networks.append(network)
         lessons.append(candidates_of(knowledge, network, held_out))
-    networks.append(fit_network(whole, seed * 1_000 + folds, members=_MEMBERS))
-    after()
+    networks.append(network_of(whole, folds, _MEMBERS))
     fold_of_lesson = np.repeat(np.arange(folds), list(map(len, lessons)))
     order = fit_order(list(chain(*lessons)), fold_of_lesson, seed)
     return FittedSets(tuple(networks), order)

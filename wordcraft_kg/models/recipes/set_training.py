@@ -4,8 +4,9 @@ A book with larger sets than pairs trains such a model, and any book with the se
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -196,14 +197,13 @@ class SetsTraining(FitsTraining):
                 "and as many as `folds`. Use a larger book."
             )
 
-    def begin(  # noqa: D102 - inherited
-        self, run: RunFolder[Record], report: Progress | None
-    ) -> Mapping[str, Any]:
+    def inputs(self) -> dict[str, str]:  # noqa: D102 - inherited
         # The input `parts` also tells that a folder holds a model of sets.
-        inputs = {"parts": self.parts.sha256}
+        words = sha256(self.words.tobytes()).hexdigest()
+        inputs = {"parts": self.parts.sha256, "features": words}
         if self.folds is not None:
             inputs["folds"] = self.folds.hash
-        return {"inputs": inputs}
+        return inputs
 
     def make(  # noqa: D102 - inherited
         self, run: RunFolder[Record], report: Progress | None
@@ -216,6 +216,7 @@ class SetsTraining(FitsTraining):
             self.words,
             seed=settings.seed,
             folds=settings.folds,
+            saved=run.checkpoints,
             after=counter(run, report, settings.folds + 1),
         )
         tensors = {

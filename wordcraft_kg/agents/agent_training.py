@@ -263,7 +263,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             observed = model.triples
             # Checked before the tasks are made, which takes long for a large graph.
             main_model = whole_of(scorer) if config.policy.in_sample else scorer
-            tables_are_too_large(config.policy.sources, main_model)
+            tables_are_too_large(config.policy.sources, main_model, config.policy.score_scale)
             self.facts["kg"] = model.kg
             folds = folds_of(scorer)
             if folds is not None and not config.policy.in_sample:

@@ -103,7 +103,7 @@ SLOW_CHOICES = [
     ("--features random --depth 2 --max-attempts 3 --reward official", {"pooling": "max"}),
     ("--features shuffled:glove", {"task_weighting": "goal"}),
     ("--scorer {scorer} --kg-only --use v --mixing softmax", {"scale": "ranks"}),
-    ("--scorer {scorer} --use u", {"scale": "standardise", "self_edges": "drop"}),
+    ("--scorer {scorer} --use u", {"scale": "log-softmax", "self_edges": "drop"}),
     ("--scorer {scorer}", {"scale": "none", "self_edges": "keep"}),
 ]
 OF_OLD = {

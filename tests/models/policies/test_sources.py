@@ -4,6 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from helpers import refuses
 from small_scorers import BareScorer, scaled_scorer, states as states_of
 
 import wordcraft_kg  # noqa: F401 - registers the environments
@@ -182,6 +183,14 @@ def test_a_source_is_restored_from_its_constants(name, scale, by_factors, monkey
     restored = source_class(name).restored(SIZE, constants)
     assert ("scores" in constants) is not by_factors
     assert torch.equal(restored(States(*states())), full(States(*states())))
+
+
+def test_a_scale_without_a_fitting_table_names_those_that_do(
+    no_tables,
+):
+    """A scale that needs a table is refused where none fits and names the scales that do."""
+    with refuses("scale"):
+        make_sources(["u", "v"], Factored(SIZE), ScoreView("log-softmax"))
 
 
 def test_sources_that_do_not_fit_are_refused_before_a_folder_is_made(folded, tmp_path, no_tables):

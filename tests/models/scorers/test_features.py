@@ -304,7 +304,7 @@ def test_signs_at_the_end_and_words_with_vectors_stay_whole():
 
 @pytest.mark.parametrize("line", ["oak log 1 1", "oak_log 1 1", "Oak Log 1 1"])
 def test_an_id_is_looked_up_as_a_phrase_before_its_words(line, vectors_file):
-    made = make_features(vectors_file(f"oak 5 5\n{line}\nlog 7 7\n"), ["Oak_Log"])
+    made = make_features(vectors_file(f"{line}\noak 5 5\nlog 7 7\n"), ["Oak_Log"])
     assert made.vectors.tolist() == [[1, 1]]
 
 
@@ -344,17 +344,22 @@ def test_labels_get_their_vectors_from_unusual_files(case, vectors_file):
     [
         (b"", " is empty"),
         (gzip.compress(b"", mtime=0), " is empty"),
-        (b"sea 1 2\niron 1\n", ", line 2: 1 numbers after the word, expected 2"),
-        (b"sea 1 2\nother 1\n", ", line 2: 1 numbers"),
-        (b"2 3\nsea 1 2\niron 1 2\n", ", line 2: 2 numbers after the word, expected 3"),
-        (b"2 0\nsea .1 .2\niron\n", ", line 3: 0 numbers after the word, expected 1"),
-        (b"sea\niron 1 2\n", ", line 1: 0 numbers after the word, expected a vector"),
+        (b"2 3\n", ": the first line announces 2 vectors, but 0 follow"),
+        (b"3 2\nsea 1 2\niron 1 2\n", ": the first line announces 3 vectors, but 2 follow."),
+        (b"sea 1 2\niron 1\n", ", line 2: 1 columns after the word, expected 2"),
+        (b"sea 1 2\nother 1\n", ", line 2: 1 columns"),
+        (b"sea 1 2\n\niron .5 1 2\n", ", line 3: 3 columns"),
+        (b"sea 1 2\nother 0 -1 1 2\n", ", line 2: 4 columns"),
+        (b"2 3\nsea 1 2\niron 1 2\n", ", line 2: 2 columns after the word, expected 3"),
+        (b"2 0\nsea .1 .2\niron .1 .2\n", ", line 2: 2 columns after the word, expected 1"),
+        (b"sea\niron 1 2\n", ", line 1: 0 columns after the word, expected numbers"),
+        (b"sea 1 x\niron 1 2\n", ", line 1: 2 columns after the word, expected numbers"),
         (b"the 1 2\niron x 2\n", ", line 2: the vector for 'iron' has a value that is not a"),
         (b"the 1 2\niron 1 \xff\n", ", line 2: the vector for 'iron' has a value that is not a"),
         (b"the 1 2\niron nan 2\n", ", line 2: the vector for 'iron' has a value"),
         (b"the 1 2\nsea 1 2\niron 1 -inf\n", ", line 3: the vector for 'iron' has a value"),
         (b"the 1 2\niron 1 1e39\n", ", line 2: the vector for 'iron' has a value"),
-        (b"2 300\nsea " + struct.pack("<3f", *SEA) + b"\niron ", ", line 2: 1 numbers"),
+        (b"2 300\nsea " + struct.pack("<3f", *SEA) + b"\niron ", ", line 2: 1 columns"),
     ],
 )
 def test_a_damaged_text_file_is_refused_with_its_line(content, expected, vectors_file):

@@ -1,8 +1,10 @@
 """Neighbour lists and their features: against full tables, with ties, hubs and pairs with many results."""
 
 import math
+import runpy
 from itertools import product
 
+import numba
 import numpy as np
 import pytest
 import torch
@@ -467,3 +469,43 @@ def test_books_with_hardly_a_recipe_have_features(recipes):
     assert np.isfinite(features_of_tables(lists, np.array([2]), np.array([[0, 1]]))).all()
     for relation in (COMBINES_WITH, COMPONENT_OF):
         assert link_features(lists, relation, np.arange(3), np.arange(3)).isfinite().all()
+
+
+LOOP = """
+from wordcraft_kg.models.scorers.neighbours.compiled import compiled
+
+@compiled
+def scaled(values):
+    for place in range(len(values)):
+        values[place] *= {}
+"""
+
+
+@pytest.mark.parametrize("damage", ["other types", "earlier source", "cut", "empty index"])
+def test_only_the_machine_code_of_a_call_runs(damage, tmp_path, monkeypatch):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    path = tmp_path / "loop.py"
+
+    def hits(factor, kind=np.int64):
+        """Call a loop, defined anew as in a new process; return whether the disk had its code."""
+        path.write_text(LOOP.format(factor))
+        loop = runpy.run_path(str(path))["scaled"]
+        values = np.arange(3, dtype=kind)
+        loop(values)
+        assert values.tolist() == [0, factor, 2 * factor]
+        return sum(loop.stats.cache_hits.values())
+
+    assert [hits(2), hits(2), hits(2, np.float64)] == [0, 1, 0]
+    codes = sorted((tmp_path / "cache").rglob("*.nbc"))
+    if damage == "other types":
+        codes[0].write_bytes(codes[1].read_bytes())
+    elif damage == "earlier source":
+        earlier = codes[0].read_bytes()
+        hits(3)
+        codes[0].write_bytes(earlier)
+    elif damage == "cut":
+        codes[0].write_bytes(codes[0].read_bytes()[:100])
+    else:
+        next((tmp_path / "cache").rglob("*.nbi")).write_bytes(b"")
+    factor = 3 if damage == "earlier source" else 2
+    assert [hits(factor), hits(factor)] == [0, 1]

@@ -69,6 +69,12 @@ def test_a_recipe_has_one_score_however_it_is_asked(scorer):
         scorer.score_recipes("waater", "flour", "dough")
 
 
+def test_no_links_have_no_scores(scorer):
+    assert scorer.score(np.array([], dtype=str), 0, "water").shape == (0,)
+    some = torch.arange(2)
+    assert scorer.knowledge.slot_scores(0, some, some[:, None][:, :0], some * 0).shape == (2, 0)
+
+
 def test_a_loaded_cross_fitted_scorer_scores_as_its_whole(cross_fitted, scorer):
     """A loaded cross fitted scorer scores recipes as the scorer of all recipes."""
     recipe = "flour", "water", "dough"

@@ -79,7 +79,7 @@ class PolicyConfig:
             in the paper's released code. Default: residual for pairs, and for attention with one
             attempt and without recipe and plan, else free, as in the paper's preset. This default
             and those of `scale`, `self_edges` and `value_readout` were chosen on validation tasks.
-        scale: common scale for scores before mixing: standardise, ranks or none.
+        scale: common scale for scores before mixing: standardise, ranks, log-softmax or none.
             Default: none where the policy sees attempts, else ranks.
         self_edges: combinesWith scores of self edges: keep (as in the paper), keep only edges
             observed in the scorer's training triples, or drop; a dropped score becomes the mean

@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import chain, compress
+from itertools import chain, compress, takewhile
 from pathlib import Path
 from typing import Any, Literal
 
@@ -55,6 +55,8 @@ ENCODE = "wordcraft-kg encode GRAPH --encoder sentence-transformers/all-MiniLM-L
 BUILT_IN = Path(__file__).parent / "minilm" / ENCODED
 _HEADER = re.compile(rb"(\d{1,12})\s+([1-9]\d{0,5})")
 """Optional first line of a text file: numbers of vectors and of dimensions, both bounded."""
+_NUMBER = re.compile(rb"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|[-+]?(nan|inf)", re.IGNORECASE)
+"""A number of a vector in a text file."""
 
 
 @dataclass(frozen=True)
@@ -120,8 +122,8 @@ def make_features(
     - ``shuffled:<any spec>``: rows in random order: distinct vectors that do not fit the labels'
       meanings;
     - a text file, optionally gzipped, with lines ``word v1 ... vD`` (GloVe) and an optional header
-      ``count D`` (word2vec; a first line with two whole numbers always counts as header); words
-      after the first one may contain spaces;
+      ``count D`` (word2vec; a first line with two whole numbers always counts as header); words may
+      contain spaces;
     - an ``.npy`` file, float array, shape (N, D), with N labels, a label per line, in ``<same
       stem>.labels.txt``;
     - a folder from ``wordcraft-kg encode``, with a vector for each label of its graph.
@@ -131,8 +133,9 @@ def make_features(
     separate words (``oak_log`` is the label ``oak log``); otherwise the words are pooled, each
     found like a label. A word that is not found, such as ``iron-plate``, is pooled from its own
     words, see :func:`~wordcraft_kg.base.wording.words_in`. If a word has several vectors, the
-    first is used. A sentence encoder's vectors are for whole labels only. Only the vectors of
-    looked-up words stay in memory, and only they are checked.
+    first is used. In a text file, a whole number right before the vector belongs to the word
+    (``route 66``). A sentence encoder's vectors are for whole labels only. Only the vectors of
+    looked-up words stay in memory, and only their values are checked.
 
     Args:
         spec: the features, as above.
@@ -432,28 +435,26 @@ def _read_text(path: Path, vocabulary: Set[str]) -> _WordRows:
     """Read the vectors of wanted words line by line; of other lines only the length is checked."""
     wanted = {word.encode(): word for word in vocabulary}
     rows: dict[str, tuple[str, list[float]]] = {}
-    dimensions = 0
+    announced = None
+    count = dimensions = 0
     for number, raw_line in read_lines(path, ConfigError):
         line = raw_line.strip()
         if not line:
             continue
         if not dimensions:
             header = _HEADER.fullmatch(line)
-            dimensions = int(header[2]) if header else len(line.split()) - 1
             if header:
+                announced, dimensions = map(int, header.groups())
                 continue
+            # As many numbers as the first line ends with; its word may contain blanks.
+            columns = line.split()[1:]
+            dimensions = len(list(takewhile(_NUMBER.fullmatch, reversed(columns))))
+        count += 1
         # Most lines contain unwanted words, and counting spaces takes a fifth of the time that
         # splitting takes.
         if line.partition(b" ")[0] not in wanted and line.count(b" ") == dimensions > 0:
             continue
-        # The word may contain blanks, but not that of the first line.
-        text, *values = line.rsplit(None, dimensions)
-        if not values or len(values) < dimensions:
-            raise ConfigError(
-                f"{path}, line {number}: {len(values)} numbers after the word, expected "
-                f"{dimensions or 'a vector'} as at the file's start. Correct the line, download "
-                "the file again, or save binary vectors as text or .npy."
-            )
+        text, *values = _divided(line, dimensions, path, number)
         word = wanted.get(text)
         # As documented, the first of several vectors counts.
         if word is None or word in rows:
@@ -467,10 +468,30 @@ def _read_text(path: Path, vocabulary: Set[str]) -> _WordRows:
             ) from None
     if not dimensions:
         raise ConfigError(f"{path} is empty; expected a word and a vector per line.")
+    if announced not in (None, count):
+        raise ConfigError(
+            f"{path}: the first line announces {announced:,} vectors, but {count:,} follow. "
+            "Download the file again, or correct this line."
+        )
     origins = [origin for origin, _ in rows.values()]
     # The shape is needed if no word was found: an empty array has one dimension.
     table = np.array([values for _, values in rows.values()]).reshape(-1, dimensions)
     return list(rows), origins, table
+
+
+def _divided(line: bytes, dimensions: int, path: Path, number: int) -> list[bytes]:
+    """Divide a line into its word, which may contain blanks, and its numbers."""
+    text, *values = line.rsplit(None, dimensions)
+    last = text.split()[-1]
+    # A number before the vector is one too many, but a whole one belongs to the word: route 66.
+    has_another = last != text and _NUMBER.fullmatch(last) and not last.isdigit()
+    if has_another or not values or len(values) < dimensions:
+        raise ConfigError(
+            f"{path}, line {number}: {len(line.split()) - 1} columns after the word, expected "
+            f"{dimensions or 'numbers'} as at the file's start. Correct the line, download the "
+            "file again, or save binary vectors as text or .npy."
+        )
+    return [text, *values]
 
 
 def _read_array(path: Path, vocabulary: Set[str]) -> _WordRows:

@@ -28,8 +28,8 @@ def scaled_table(
         scorer: any scorer.
         relation: relation id.
         scale: ``standardise`` scores to mean 0 and deviation 1 over pairs of different entities;
-            ``ranks`` standardises percentile ranks among all pairs; ``none`` leaves scores
-            unchanged.
+            ``ranks`` standardises percentile ranks among all pairs; ``log-softmax`` standardises
+            the log-softmax over the heads of each tail; ``none`` leaves scores unchanged.
         self_edges: scores of entities with themselves: ``keep`` all of them, keep only ``observed``
             ones, or ``drop`` all. A dropped score becomes the mean over pairs of different
             entities.
@@ -51,6 +51,10 @@ def scaled_table(
         # Equal scores share their mean rank.
         middle = np.cumsum(counts) - (counts - 1) / 2
         scores = middle[group].reshape(scores.shape)
+    elif scale == "log-softmax":
+        # Without the maximum first, large scores would overflow in exp.
+        scores = scores - scores.max(axis=0)
+        scores -= np.log(np.exp(scores).sum(axis=0))
     table = (scores if scale == "none" else standardised(scores)).astype(np.float32)
     if len(dropped):
         different = table[~np.eye(len(table), dtype=bool)]
@@ -60,6 +64,8 @@ def scaled_table(
     return torch.from_numpy(table)
 
 
+FACTORED_SCALES: tuple[Scale, ...] = ("standardise", "ranks", "none")
+"""Scales that need no table of all pairs."""
 KNOTS = 512
 """Even steps in rank between two of which ranks are interpolated."""
 SIDE = 1_024
@@ -83,7 +89,7 @@ def sampled_scaling(
     Args:
         scorer: any scorer; :data:`SIDE` squared pairs are scored, or all pairs if there are fewer.
         relation: relation id.
-        scale: as in :func:`scaled_table`.
+        scale: one of :data:`FACTORED_SCALES`, as in :func:`scaled_table`.
         self_edges: as in :func:`scaled_table`.
         observed: as in :func:`scaled_table`.
 
@@ -94,9 +100,10 @@ def sampled_scaling(
         standardised percentile ranks ``heights``, shape (K,) each, see :func:`interpolated`.
 
     Raises:
-        ConfigError: for an unknown scale or treatment of self edges, or if ``observed`` is missing.
+        ConfigError: for a scale that needs a table, an unknown treatment of self edges, or if
+            ``observed`` is missing.
     """
-    one_of("scale", scale, get_args(Scale))
+    one_of("scale", scale, FACTORED_SCALES)
     size = len(scorer.entities)
     length = min(SIDE, size)
     side = torch.arange(length) * size // length

@@ -9,7 +9,7 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import memory
 from wordcraft_kg.graphs.triples import RELATIONS
 
-Scale = Literal["standardise", "ranks", "none"]
+Scale = Literal["standardise", "ranks", "log-softmax", "none"]
 """See :func:`~wordcraft_kg.models.scorers.scales.scaled_table`."""
 SelfEdges = Literal["keep", "observed", "drop"]
 """Treatment of combinesWith self edges."""

@@ -114,7 +114,7 @@ class Scorer(ABC):
             if label not in self._index:
                 hint = nearest(str(label), self.entities)
                 raise UnknownEntityError(f"no entity '{label}' in {self.name}.{hint}")
-        return np.vectorize(self._index.__getitem__)(labels)
+        return np.vectorize(self._index.__getitem__, otypes=[np.int64])(labels)
 
     def relation_ids(self, relations: RelationIds) -> Tensor:
         """Convert relation names or ids to int64 ids on the device.

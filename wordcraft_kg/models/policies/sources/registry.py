@@ -22,7 +22,8 @@ from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import AS_IS, ScoreView, Source
 from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
-from wordcraft_kg.models.scorers.score_limits import TABLE_LIMIT
+from wordcraft_kg.models.scorers.scales import FACTORED_SCALES
+from wordcraft_kg.models.scorers.score_limits import TABLE_LIMIT, Scale
 
 _BUILT_IN: dict[str, type[Source]] = {
     kind.label.name: kind for kind in (CombinesWith, ComponentOf, BestRecipe, SetTable)
@@ -50,7 +51,11 @@ def source_class(name: str) -> type[Source]:
     return kind
 
 
-def tables_are_too_large(names: Iterable[str], scorer: TripleScorer) -> bool:
+def tables_are_too_large(
+    names: Iterable[str],
+    scorer: TripleScorer,
+    scale: Scale,
+) -> bool:
     """Return whether score tables would be too large, so that sources must score without them.
 
     Checked before any table is computed.
@@ -58,11 +63,12 @@ def tables_are_too_large(names: Iterable[str], scorer: TripleScorer) -> bool:
     Args:
         names: names of the sources.
         scorer: their scorer.
+        scale: common scale of the scores.
 
     Raises:
-        ConfigError: for an unknown name; if the tables would be too large, and the scorer needs
-            them (the message gives their size and the alternatives); or if a cross-fitted scorer's
-            tables, one for each fold and two more, do not fit into memory.
+        ConfigError: for an unknown name; if the tables would be too large, and the scorer or the
+            scale needs them (the message gives their size and the alternatives); or if a
+            cross-fitted scorer's tables, one for each fold and two more, do not fit into memory.
     """
     size = len(scorer.entities)
     num_tables = sum(issubclass(source_class(name), PairSource) for name in names)
@@ -82,6 +88,10 @@ def tables_are_too_large(names: Iterable[str], scorer: TripleScorer) -> bool:
         raise ConfigError(
             f"{cost}; only ComplEx, DistMult and recipe scorers work without tables. Use one, or "
             "`use` recipe of a model of sets."
+        )
+    if scale not in FACTORED_SCALES:
+        raise ConfigError(
+            f"`scale` {scale}: {cost}. Choose {' or '.join(FACTORED_SCALES)}, which need no tables."
         )
     return True
 
@@ -120,7 +130,7 @@ def make_sources(
     if tasks is not None:
         view = replace(view, tasks=tasks)
     # Before any table is computed, which may take the memory of the machine.
-    if tables_are_too_large(names, scorer):
+    if tables_are_too_large(names, scorer, view.scale):
         view = replace(view, without_tables=True)
     sources = [source_class(name).of_scorer(scorer, view) for name in names]
     # Not in `of_scorer`, so that no subclass can forget it.

@@ -9,6 +9,7 @@ from contextlib import suppress
 from typing import Any, TypeVar
 
 import numba
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -57,6 +58,47 @@ def compiled(function: F, **options: Any) -> F:
     """
     dispatcher = numba.njit(nogil=True, **options)(function)
     with suppress(RuntimeError):  # no folder for the machine code
-        dispatcher.enable_caching()
+        # As `cache=True` does, with files that are checked.
+        dispatcher._cache = _Cache(function)
     result: F = dispatcher
     return result
+
+
+class _Files(IndexDataCacheFile):
+    """Machine code with the source and the types of arguments that it was compiled for.
+
+    The index may lead to other code: to that for other types, where two processes compile at the
+    same time, or to that of an earlier source, where a process ended before it wrote the new one.
+    """
+
+    def save(self, key: Any, data: Any) -> None:
+        super().save(key, (self._source_stamp, key, data))
+
+    def load(self, key: Any) -> Any:
+        entry = super().load(key)
+        if entry is None or entry[:2] != (self._source_stamp, key):
+            return None
+        return entry[2]
+
+
+class _Cache(FunctionCache):
+    """The machine code of a function on the disk; what cannot be read is compiled again."""
+
+    def __init__(self, function: Callable[..., Any]):
+        super().__init__(function)
+        stamp = self._impl.locator.get_source_stamp()
+        self._cache_file = _Files(self._cache_path, self._impl.filename_base, stamp)
+
+    def load_overload(self, *arguments: Any) -> Any:
+        try:
+            return super().load_overload(*arguments)
+        # Reading a pickle may raise anything, as after a power failure.
+        except Exception:
+            with suppress(OSError):
+                self.flush()
+            return None
+
+    def save_overload(self, *arguments: Any) -> None:
+        # Without files, as on a full disk, each process compiles.
+        with suppress(OSError):
+            super().save_overload(*arguments)

@@ -187,7 +187,7 @@ class RecipeKnowledge(StoredKnowledge):
             return self._from_table(relation, model, table, key[:, None])
         ranker = self.ranker(f"{RELATIONS[relation]}_")
         scores = torch.empty(table.shape, device=key.device)
-        step = max(1, CELLS // table.shape[1])
+        step = max(1, CELLS // max(1, table.shape[1]))
         for start in range(0, len(key), step):
             block = slice(start, start + step)
             links = self._by_model(

@@ -228,6 +228,13 @@ def test_a_file_never_takes_the_place_of_a_folder_that_was_written_meanwhile(tmp
     assert [path.name for path in tmp_path.rglob("*")] == ["out", "graph.json"]
 
 
+def test_the_working_folder_may_be_replaced(tmp_path, monkeypatch):
+    to_a_folder(tmp_path, "old")
+    monkeypatch.chdir(tmp_path)
+    to_a_folder(Path())
+    assert (tmp_path / "graph.json").read_text() == "new"
+
+
 def test_a_folder_that_cannot_be_written_leaves_the_earlier_one(tmp_path, monkeypatch):
     def replace(staged, target):
         raise PermissionError("busy")

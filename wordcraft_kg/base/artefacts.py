@@ -405,7 +405,7 @@ def staged_file(out: Path, *, force: bool = False) -> Iterator[Path]:
     """
     check_output_file(out, force=force)
     # The name as given: formats and titles come from it.
-    with _staged(out, with_a_name(out).name, force=force) as staging:
+    with _staged(out, out.name, force=force) as staging:
         yield staging
 
 
@@ -461,7 +461,7 @@ def _staged(out: Path, name: str = "", *, force: bool) -> Iterator[Path]:
     Raises:
         OutputExistsError: if another process has written ``out`` since it was checked.
     """
-    target = output_target(out)
+    target = with_a_name(output_target(out))
     with made_folder(target.parent):
         temporary = _beside(target)
         earlier = _beside(target)

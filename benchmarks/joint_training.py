@@ -16,23 +16,30 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.cli import main as run_command
 from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.models.links.link_config import ComplExConfig
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
+from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 
 WEIGHTS = (0.0, ComplExConfig().outside_weight)
 
 
 def trained(graph: str, knowledge: str, weight: float, seed: int, folder: Path) -> dict[str, Any]:
     """Return the metrics of a training with a weight; without the general graph if it is 0."""
-    options = ["--folds", "0", "--eval-every", "50", "--seed", str(seed), "--quiet"]
+    options = ["--folds", "0", "--seed", str(seed), "--quiet"]
     if weight:
         options += ["--with", knowledge, "--outside-weight", str(weight)]
     if run_command(["train-complex", graph, *options, "--out", str(folder)]):
         sys.exit(f"train-complex failed at weight {weight:g}")
     metrics: dict[str, Any] = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
-    return metrics
+    split = open_graph(graph).split
+    known = np.concatenate([split.partial, split.triples_of("valid")])
+    ranks = rank_triples(load_scorer(folder), split.held_out("valid"), known)
+    return metrics | {"valid_mrr": mean_reciprocal_rank(ranks)}
 
 
 def main() -> None:

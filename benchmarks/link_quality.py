@@ -70,16 +70,18 @@ def sweep(graph: RecipeGraph, folder: Path, epochs: int) -> None:
     )
     for rate in RATES:
         for weight in WEIGHTS:
-            config = ComplExConfig(epochs=epochs, eval_every=EVERY, n3=weight, learning_rate=rate)
             curves = []
             for seed in (10, 11, 12):
                 split = make_split(graph, SplitConfig(seed=seed, valid_ratio=0.1))
-                trained = train(split, config, folder)
-                trace = [
-                    json.loads(line)
-                    for line in (trained.folder / "trace.jsonl").read_text().splitlines()
-                ]
-                curves.append([row["valid_mrr"] for row in trace if "valid_mrr" in row])
+                known = np.concatenate([split.partial, split.triples_of("valid")])
+                curve = []
+                # Equal seeds: a shorter training is the beginning of a longer one.
+                for number in range(EVERY, epochs + 1, EVERY):
+                    config = ComplExConfig(epochs=number, n3=weight, learning_rate=rate)
+                    scorer = load_scorer(train(split, config, folder).folder)
+                    ranks = rank_triples(scorer, split.held_out("valid"), known)
+                    curve.append(ranking_metrics(ranks).mrr)
+                curves.append(curve)
             means = " ".join(f"{value:.3f}" for value in np.mean(curves, axis=0))
             print(f"rate {rate:<4} N3 weight {weight:<6}                    {means}", flush=True)
 

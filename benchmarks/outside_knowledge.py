@@ -78,8 +78,7 @@ def fitted(opened: OpenedGraph, name: str, words: str, specs: Sequence[str]) -> 
             folds,
             vectors,
             [()],
-            outside=outside.tables,
-            encoders=encoder_of(outside.books, opened, words),
+            outside=outside.tables._replace(encoder=encoder_of(outside.books, opened, words)),
         )
         return knowledge
     joint = join_books(specs, opened, words, folds=5, keep_train="unshared" not in name)
@@ -89,13 +88,11 @@ def fitted(opened: OpenedGraph, name: str, words: str, specs: Sequence[str]) -> 
     return knowledge.of_entities(joint.own)
 
 
-def encoder_of(
-    books: tuple[OtherBook, ...], opened: OpenedGraph, words: str
-) -> PairEncoder | dict[tuple[int, ...], PairEncoder]:
+def encoder_of(books: tuple[OtherBook, ...], opened: OpenedGraph, words: str) -> PairEncoder | None:
     """Return the pair encoder of other books, if they are large; fitted once for all splits, which
     leave out the same shared recipes."""
     if not RecipeScorerConfig().has_encoder_of_others(sum(len(book.recipes) for book in books)):
-        return {}
+        return None
     key = (opened.graph.hash, words, *(book.source.sha256 for book in books))
     if key not in ENCODERS:
         ENCODERS[key] = encoder_of_books(books, opened.graph.num_entities, words)

@@ -62,8 +62,8 @@ def players(opened: OpenedGraph, options: argparse.Namespace) -> Iterator[tuple[
     yield "planner", planner
     (source,) = make_sources(["plan"], scorer)
     assert isinstance(source, BestPlan)
-    source.search.reused = 0.0
-    source.search.at_once = 0.0
+    # The log-odds of two forms of plans.
+    source.curve[-2:] = 0.0
     any_form = knowledge_player([source])
     yield "planner, any form", any_form
     yield "planner, searches again", by_attempt(planner, any_form)

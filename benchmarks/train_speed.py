@@ -231,7 +231,6 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--lag", type=int, default=0)
     parser.add_argument("--device", default="cpu")
-    parser.add_argument("--compile", action="store_true")
     parser.add_argument("--whole", action="store_true")
     parser.add_argument("--steps", type=int, default=3_000_000)
     parser.add_argument("--scorer", help="a model folder")
@@ -256,7 +255,6 @@ def main() -> None:
         memory_cost=memory,
         policy_lag=options.lag,
         device=options.device,
-        compile=options.compile,
         tables=options.tables,
     )
     print(

@@ -1,8 +1,7 @@
 """A recipe graph as a PyKEEN dataset, found through the entry point group ``pykeen.datasets``.
 
 PyKEEN loads this module in the middle of its own imports, whichever of its modules came first. So
-it imports no more of PyKEEN than the base class, and it lies outside ``wordcraft_kg.models``, whose
-hooks must not run while PyKEEN's models are half imported.
+it imports no more of PyKEEN than the base class.
 """
 
 from pathlib import Path

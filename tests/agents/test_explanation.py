@@ -234,7 +234,12 @@ def test_what_is_made_is_on_the_table_for_the_next_attempt():
 
 def test_at_most_max_actions_of_an_episode_are_explained(made):
     world, policy = made("no scorer", max_attempts=4)
-    whole, cut = (cache(Explainer(policy, world, max_actions=most).episode) for most in (None, 5))
+
+    def explaining_to(most):
+        explainer = Explainer(policy, world, max_actions=most)
+        return cache(lambda task: explainer.task(task).episode)
+
+    whole, cut = explaining_to(None), explaining_to(5)
     tasks = range(len(world.tasks))
     long = next(task for task in tasks if len(whole(task).steps) == 8)
     assert cut(long).steps == whole(long).steps[:5]

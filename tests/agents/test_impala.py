@@ -28,7 +28,7 @@ from wordcraft_kg import (
     open_graph,
     train_agent,
 )
-from wordcraft_kg.agents.impala import LOSSES, Impala, check_compiler
+from wordcraft_kg.agents.impala import LOSSES, Impala
 from wordcraft_kg.agents.losses import Successes, led_to_goals, v_trace
 from wordcraft_kg.base.errors import ConfigError, TrainingError
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
@@ -116,7 +116,6 @@ class SlowImpala:
         self.actors = []
         self.updates = 0
         self.squares = [torch.zeros_like(parameter) for parameter in self.policy.parameters()]
-        self.velocities = [torch.zeros_like(parameter) for parameter in self.policy.parameters()]
 
     def look(self, policy, state):
         """Return log-probabilities by slot of the entities that are there, the value, and λ."""
@@ -228,8 +227,7 @@ class SlowImpala:
                 config.rms_decay * self.squares[i] + (1 - config.rms_decay) * gradient**2
             )
             step = gradient / (self.squares[i].sqrt() + config.rms_epsilon)
-            self.velocities[i] = config.momentum * self.velocities[i] + step
-            parameter.data -= rate * self.velocities[i]
+            parameter.data -= rate * step
         self.updates += 1
 
 
@@ -237,7 +235,7 @@ class SlowImpala:
     ("depth", "unroll", "settings"),
     [
         (1, 1, {}),
-        pytest.param(1, 2, {"momentum": 0.9, "discount": 0.7}, marks=pytest.mark.slow),
+        pytest.param(1, 2, {"discount": 0.7}, marks=pytest.mark.slow),
         pytest.param(1, 3, {"entropy_cost": 0.3, "baseline_cost": 1.5}, marks=pytest.mark.slow),
         pytest.param(2, 1, {"policy_lag": 1}, marks=pytest.mark.slow),
         (2, 2, {"rms_decay": 0.8, "clip": 2.0, "policy_lag": 2}),
@@ -245,7 +243,7 @@ class SlowImpala:
         pytest.param(
             2,
             3,
-            {"policy": {"value_readout": "logits"}, "policy_lag": 2, "momentum": 0.5},
+            {"policy": {"value_readout": "logits"}, "policy_lag": 2},
             marks=pytest.mark.slow,
         ),
         (2, 3, {"scorer": "frequency", "policy_lag": 1}),
@@ -403,66 +401,30 @@ def test_the_same_seeds_give_the_same_parameters_and_others_others(trainer):
         *(pytest.param(*case, marks=pytest.mark.slow) for case in ((2, 4, "u,v,w,p"), (2, 3, "w"))),
     ],
 )
-def test_a_second_thread_scores_ahead_and_changes_no_bit(
-    trainer, cross_fitted, depth, unroll, use, monkeypatch
-):
+def test_a_second_thread_changes_no_bit(trainer, cross_fitted, depth, unroll, use, monkeypatch):
     settings = {"depth": depth, "unroll": unroll, "policy": {"use": use}, "scorer": cross_fitted}
     # Threads get blocks of the batch, however small it is.
     monkeypatch.setattr("wordcraft_kg.models.scorers.neighbours.knowledge._ROWS", 2)
     monkeypatch.setattr("wordcraft_kg.models.scorers.neighbours.knowledge._BLOCK", 2)
-    with trainer(**settings) as one, trainer(**settings, threads=2) as two:
-        assert (one.scores_ahead, two.scores_ahead) == (False, True)
-        asked = []
-        scores_of = two.policy.external_scores
-        monkeypatch.setattr(
-            two.policy, "external_scores", lambda states: asked.append(1) or scores_of(states)
-        )
-        before = one.state()
-        for number in range(6):
-            one.update()
-            two.update()
-            # The first unroll finds no scores made ahead, nor does one after a restored state.
-            assert len(asked) == unroll + (number in (0, 3))
-            asked.clear()
-            # An evaluation binds the policy to other tasks between two updates.
-            two.policy.bind(two.envs.world.variant(part="all").tasks)
-            if number == 2:  # back to the start
-                one.restore(before)
-                two.restore(before)
-            assert torch.equal(flat(one), flat(two))
-            assert torch.equal(one._unroll.external_scores, two._unroll.external_scores)
-        assert_same_state(one, two)
-
-
-def test_scores_made_ahead_do_not_survive_an_update_that_fails(trainer, cross_fitted, monkeypatch):
-    settings = {"policy": {"use": "w"}, "scorer": cross_fitted}
-    with trainer(**settings) as one, trainer(**settings, threads=2) as two:
-        for impala in (one, two):
-            impala.update()
-            with monkeypatch.context() as patch:
-                patch.setattr(impala, "_learn", lambda *_: 1 / 0)
-                with pytest.raises(ZeroDivisionError):
-                    impala.update()
-            impala.update()
-        assert_same_state(one, two)
-
-
-def test_an_error_in_the_second_thread_ends_the_update(trainer, cross_fitted, monkeypatch):
-    with trainer(policy={"use": "w"}, scorer=cross_fitted, threads=2) as impala:
-        impala.update()
-        monkeypatch.setattr(impala.policy, "external_scores", lambda _: 1 / 0)
-        with pytest.raises(ZeroDivisionError):
-            impala.update()
-
-
-def test_a_second_thread_is_for_scores_by_lists_alone(trainer, scorer):
-    for settings in ({}, {"scorer": scorer}):
-        assert not trainer(**settings, threads=2).scores_ahead
+    one = trainer(**settings)
+    two = trainer(**settings, threads=2)
+    before = one.state()
+    for number in range(6):
+        one.update()
+        two.update()
+        # An evaluation binds the policy to other tasks between two updates.
+        two.policy.bind(two.envs.world.variant(part="all").tasks)
+        if number == 2:  # back to the start
+            one.restore(before)
+            two.restore(before)
+        assert torch.equal(flat(one), flat(two))
+        assert torch.equal(one._unroll.external_scores, two._unroll.external_scores)
+    assert_same_state(one, two)
 
 
 @pytest.mark.parametrize(
     ("depth", "unroll", "settings"),
-    [(1, 2, {}), pytest.param(2, 3, {"policy_lag": 2, "momentum": 0.9}, marks=pytest.mark.slow)],
+    [(1, 2, {}), pytest.param(2, 3, {"policy_lag": 2}, marks=pytest.mark.slow)],
 )
 def test_torch_environments_train_the_same_as_numpy_ones(trainer, depth, unroll, settings):
     one, other = (
@@ -490,23 +452,22 @@ def test_the_last_update_has_almost_no_rate_and_there_is_none_after_it(trainer):
     assert moves[10] == moves[11] == 0
 
 
-RESTORED = ((2, 0.9, True, 7),)
+RESTORED = ((2, True, 7),)
 
 
 @pytest.mark.parametrize(
-    ("lag", "momentum", "guided", "updates"),
+    ("lag", "guided", "updates"),
     [
-        pytest.param(*case, *learned, marks=[] if (*case, *learned) in RESTORED else SLOW)
-        for case in itertools.product((0, 2), (0.0, 0.9))
+        pytest.param(lag, *learned, marks=[] if (lag, *learned) in RESTORED else SLOW)
+        for lag in (0, 2)
         for learned in ((False, 7), (True, 7), (False, 0))
     ],
 )
-def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, lag, momentum, guided, updates):
+def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, lag, guided, updates):
     settings = {
         "depth": 2,
         "unroll": 3,
         "policy_lag": lag,
-        "momentum": momentum,
         "scorer": scorer if guided else None,
     }
     one = trainer(**settings)
@@ -532,18 +493,16 @@ def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, lag, momentum, 
 
 def test_an_incomplete_or_foreign_state_is_refused(trainer):
     """A state that lacks something or is of other environments is refused."""
-    impala = trainer(momentum=0.5)
+    impala = trainer()
     train(impala, 2)
     state = impala.state()
     for name in ("policy.attention.key.weight", "engine.goal", "sums", "generator", "update"):
         with pytest.raises(KeyError, match=name):
-            trainer(momentum=0.5).restore(
-                {other: tensor for other, tensor in state.items() if other != name}
-            )
+            trainer().restore({other: tensor for other, tensor in state.items() if other != name})
     with pytest.raises(ConfigError, match="state of another engine"):
-        trainer(momentum=0.5, batch_size=4).restore(state)
+        trainer(batch_size=4).restore(state)
     with pytest.raises(RuntimeError, match="size"):
-        trainer(momentum=0.5, policy={"key_size": 6}).restore(state)
+        trainer(policy={"key_size": 6}).restore(state)
 
 
 def test_a_reward_that_is_not_finite_stops_the_training(trainer, monkeypatch):
@@ -586,39 +545,6 @@ def test_a_parameter_that_is_no_number_stops_the_training(trainer, value):
     with refuses("learning_rate", TrainingError):
         impala.update()
     torch.testing.assert_close(flat(impala), before, equal_nan=True, rtol=0, atol=0)
-
-
-@pytest.mark.parametrize(
-    ("error", "reason"),
-    [(RuntimeError("No C++ compiler\nlong story"), "RuntimeError: No C"), (OSError(), "OSError")],
-)
-def test_a_missing_compiler_is_an_error_that_says_what_to_do(trainer, monkeypatch, error, reason):
-    def fail(*_, **__):
-        raise error
-
-    monkeypatch.setattr(torch, "compile", fail)
-    with refuses("compile"):
-        check_compiler(torch.device("cpu"))
-    with pytest.raises(ConfigError, match="train without `compile`"):
-        trainer(compile=True)
-    trainer(compile=False).update()
-
-
-def test_compiling_covers_actor_and_learner_and_changes_nothing(trainer, monkeypatch):
-    compiled, called = [], set()
-
-    def count(function, **_):
-        compiled.append(function)
-
-        def run(*arguments):
-            called.add(function.__name__)
-            return function(*arguments)
-
-        return run
-
-    monkeypatch.setattr(torch, "compile", count)
-    assert torch.equal(train(trainer(compile=True), 3), train(trainer(), 3))
-    assert called == {"<lambda>", "_choose", "_losses"}
 
 
 @pytest.mark.slow

@@ -194,7 +194,7 @@ def test_an_agent_learns_weights_before_it_trains_and_keeps_them(
     monkeypatch.setattr("wordcraft_kg.agents.agent_training.fit_plan_weights", None)
     paper = AgentTraining(config_of(recipes_folder, preset="paper"), opened)
     paper.prepare()
-    assert not paper.policy.sources["p"].is_weighed
+    assert not hasattr(paper.policy.sources["p"], "weights")
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,6 @@ from wordcraft_kg.agents.agent_training import AgentTraining
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer, play_all
 from wordcraft_kg.agents.explanation import Explainer
 from wordcraft_kg.agents.players import (
-    advice_on_words,
     fact_sources,
     fewest_uses,
     knowledge_players,
@@ -103,7 +102,7 @@ def test_the_two_nearest_words_are_chosen_without_a_graph_or_training(opened):
 
 
 def test_words_beside_a_scorer_are_its_own_and_otherwise_the_best_built_in(opened):
-    """The row names the vectors, and only GloVe gives advice."""
+    """The row names the vectors."""
     graph = opened.graph
     glove = glove_features(graph.entities).unit_vectors
     best = make_features("minilm", graph.entities).unit_vectors
@@ -123,7 +122,6 @@ def test_words_beside_a_scorer_are_its_own_and_otherwise_the_best_built_in(opene
             knowledge = RecipeKnowledge.of_recipes(opened.split.recipes("train"), rounded, near)
         ((row, player),) = words_player(graph, knowledge).items()
         assert row == f"nearest words ({name})"
-        assert bool(advice_on_words(["random", row])) == (name == "glove")
         rounded = expected.astype(np.float16).astype(np.float32)
         same = nearest_words(expected if knowledge is None else rounded)
         chosen = [each(state, np.random.default_rng(0)) for each in (player, same)]

@@ -11,7 +11,7 @@ from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_suppo
 
 from wordcraft_kg import WordCraftConfig, World
 from wordcraft_kg.agents.sb3 import SB3VecEnv
-from wordcraft_kg.base.errors import ActionError, EpisodeError
+from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.envs.wordcraft import WordCraftVectorEnv
 from wordcraft_kg.envs.wrappers import TaskObservation
 
@@ -106,8 +106,6 @@ def test_the_task_is_as_in_the_wrapper(opened_kitchen):
 def test_mistakes_are_refused(world):
     env = SB3VecEnv(SIZE, world)
     env.reset()
-    with pytest.raises(EpisodeError, match="step_async"):
-        env.step_wait()
     with pytest.raises(ActionError, match="expected 0 to"):
         env.step(np.full(SIZE, 10_000))
     with pytest.raises(AttributeError, match="no method 'render'"):

@@ -111,7 +111,6 @@ OF_OLD = {
     "distractor_policy": "no_shortcut",
     "ambiguity": "last",
     "distractor_weighting": "uniform",
-    "momentum": 0.5,
 }
 
 

@@ -157,8 +157,8 @@ def test_every_help_has_usage_examples_and_at_most_thirty_options(run):
 def test_options_that_no_guide_needs_are_named_for_the_file_alone(run):
     text = " ".join(run("train-agent", "--help").out.split())
     assert "Further settings, by --config FILE in a table [train-agent]: ambiguity," in text
-    assert " momentum, " in text
-    assert "--momentum" not in text
+    assert " clip, " in text
+    assert "--clip" not in text
 
 
 EXAMPLES = [(name, example) for name in ALL for example in manual_of(name).examples]

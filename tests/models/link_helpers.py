@@ -9,11 +9,13 @@ import signal
 from itertools import product
 
 import numpy as np
+import pytest
 import safetensors.torch
 import torch
 
 from wordcraft_kg import LinksConfig, RecipeGraph
 from wordcraft_kg.base.artefacts import sha256_of
+from wordcraft_kg.runs.record import read_run
 
 
 def train(opened, settings, out, **options):
@@ -48,6 +50,14 @@ def interrupt_after(*epochs, times=1):
                 signal.raise_signal(signal.SIGINT)
 
     return progress
+
+
+def interrupted(opened, settings, out, epoch):
+    """The folder of a training that Ctrl-C has stopped after an epoch was reported."""
+    with pytest.raises(KeyboardInterrupt):
+        train(opened, settings, out, progress=interrupt_after(epoch))
+    assert read_run(out).status == "interrupted"
+    return out
 
 
 def contents(folder):

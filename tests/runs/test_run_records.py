@@ -321,11 +321,6 @@ def test_settings_of_a_scorer_need_a_scorer(policy):
     assert AgentConfig("kitchen", "models/x", policy=policy).policy == closed
 
 
-def test_the_full_graph_is_not_validated_on_what_it_holds():
-    with pytest.raises(ConfigError, match="contains the validation triples"):
-        ComplExConfig(kg="full", eval_every=5)
-
-
 def test_runs_and_models_have_folders_of_their_own_names():
     assert LinksConfig("g").default_folder("everyday") == Path("models/everyday-partial")
     rotate = LinksConfig("g", LinkModelConfig(model="RotatE", kg="full"))
@@ -393,7 +388,7 @@ def test_a_tracker_learns_that_a_run_has_failed(tmp_path):
         train_links(LINKS, tmp_path / "model", trackers=[before, broken])
     assert (before.ended, broken.ended, len(before.rows)) == (["failed"], ["failed"], 1)
     assert read_run(tmp_path / "model").status == "failed"
-    assert not resume(tmp_path / "model").interrupted  # the epoch is safe
+    assert resume(tmp_path / "model").metrics.epochs == 3  # the epoch is safe
 
 
 def test_trackers_do_not_change_what_is_trained(tmp_path):

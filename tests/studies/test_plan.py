@@ -182,7 +182,6 @@ def test_defaults_are_those_that_addresses_stand_for():
         0.001,
         0.99,
         0.01,
-        0.0,
         0.01,
         0.5,
         0.0,
@@ -192,7 +191,6 @@ def test_defaults_are_those_that_addresses_stand_for():
         0,
         "cpu",
         1,
-        False,
     )
     expected = {
         TaskConfig: (1, 8, None, "sparse", "use", "any", "task", "all", False),
@@ -243,7 +241,7 @@ def test_defaults_are_those_that_addresses_stand_for():
         ('[variants.odd]\nuse = 3', "`use` 3: expected text"),
         ('[variants.odd]\nunroll = "long"', "`unroll` 'long': expected a number"),
         ('[variants.odd]\ntrain_ratio = "most"', "`train_ratio` 'most': expected a number"),
-        ('[variants.odd]\ncompile = 1', "`compile` 1: expected true or false"),
+        ('[variants.odd]\nin_sample = 1', "`in_sample` 1: expected true or false"),
         ('[variants.odd]\nfeatures = "glvoe"', "`features` 'glvoe': expected a file"),
         (
             '[variants.odd]\nscorer = "odd"\n[scorers.odd]\ncommand = "facts"\nkg = "ful"',

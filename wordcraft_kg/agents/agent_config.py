@@ -58,7 +58,6 @@ _NUMBERS: Mapping[str, tuple[float, float, str]] = {
     "scorer_cost": _COST,
     "discount": _SHARE,
     "rms_decay": _SHARE,
-    "momentum": _SHARE,
 }
 """Lowest and highest value of the trainer's other numbers, and both in words."""
 _LEFT_OPEN = ("batch_size", "unroll", "learning_rate", "tables", "scorer_cost")
@@ -134,11 +133,6 @@ class TaskConfig:
         self.environment("train")  # checks all values
 
     @property
-    def has_spare_attempts(self) -> bool:
-        """Whether an episode has more attempts than the shortest plan needs."""
-        return self.max_attempts is not None and self.max_attempts > self.depth
-
-    @property
     def episode(self) -> int:
         """Actions in the longest episode: two for each attempt."""
         return 2 * (self.max_attempts or self.depth)
@@ -183,7 +177,6 @@ class ImpalaConfig:
             0.005 with several attempts; 0.001 in the paper.
         rms_decay: RMSProp decay rate for squared gradients; 0.99 in the paper's released code.
         rms_epsilon: RMSProp ε; 0.01 in the paper.
-        momentum: RMSProp momentum.
         entropy_cost: entropy weight; 0.01 in the paper.
         baseline_cost: value loss weight; 0.5 in the paper's released code.
         memory_cost: weight of the loss on a memory of own successes: whenever a pair that led to a
@@ -199,11 +192,8 @@ class ImpalaConfig:
             otherwise 0.
         seed: root seed for initialisation, environments and actions.
         device: torch device for environments, actor and learner: cpu or cuda.
-        threads: CPU threads. With a recipe scorer, and on the CPU, further threads score the next
-            tables while the policy learns on one: 2 are a quarter faster, with the same bits.
-            Without one, 2 are about as fast as 1, because the matrices are small.
-        compile: compile actor and learner first; takes a minute and, on a CPU, needs a C++
-            compiler.
+        threads: CPU threads, with a recipe scorer those of its loops. Without one, 2 are about as
+            fast as 1, because the matrices are small.
         log_every: environment steps between two lines in metrics.jsonl.
         eval_every: environment steps between two points on the learning curves; 0 evaluates only
             after training.
@@ -228,7 +218,6 @@ class ImpalaConfig:
     learning_rate: float | None = None
     rms_decay: float = 0.99
     rms_epsilon: float = 0.01
-    momentum: float = 0.0
     entropy_cost: float = 0.01
     baseline_cost: float = 0.5
     memory_cost: float | None = None
@@ -238,14 +227,16 @@ class ImpalaConfig:
     seed: int = 0
     device: str = "cpu"
     threads: int = 1
-    compile: bool = False
     log_every: int = 10_000
     eval_every: int = 100_000
     checkpoint_every: int = 100_000
 
     def __post_init__(self) -> None:
         one_of("preset", self.preset, get_args(Preset))
-        self._take_values_of_preset()
+        values = PAPER if self.preset == "paper" else {"memory_cost": MEMORY}
+        for name in ("batch_size", "learning_rate", "unroll", "tables", "memory_cost"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, values.get(name))
         # What is left open gets its value from the tasks, their number or the sources.
         is_open = {name for name in _LEFT_OPEN if getattr(self, name) is None}
         for name, limits in _WHOLE_NUMBERS.items():
@@ -259,13 +250,6 @@ class ImpalaConfig:
         is_text = isinstance(self.device, str)
         is_known = is_text and (self.device == "cpu" or self.device.startswith("cuda"))
         require(self, "device", is_known, "cpu or cuda")
-
-    def _take_values_of_preset(self) -> None:
-        """Set what was left open to the preset's value, if it has one."""
-        values = PAPER if self.preset == "paper" else {"memory_cost": MEMORY}
-        for name in ("batch_size", "learning_rate", "unroll", "tables", "memory_cost"):
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, values.get(name))
 
     def for_episodes(self, actions: int) -> "ImpalaConfig":
         """Return the settings with values for episodes with so many actions where these were open.
@@ -381,8 +365,8 @@ class AgentConfig(RunConfig):
 
     def __post_init__(self) -> None:
         trainer = self.trainer.for_episodes(self.tasks.episode)
+        has_pair_scores = not {"w", "p"}.isdisjoint(self.policy.sources)
         if trainer.tables is None:
-            has_pair_scores = bool({"w", "p"} & set(self.policy.sources))
             trainer = replace(trainer, tables=TABLES if has_pair_scores else 0)
         is_recommended = trainer.preset == "recommended"
         # Settings that only attention has.
@@ -395,11 +379,10 @@ class AgentConfig(RunConfig):
         # Measured with u and v in a single attempt; w has a penalty instead, and with p an agent
         # starts as its planner, without attention.
         is_single = self.tasks.episode == 2
-        is_pairwise = not {"w", "p"} & set(self.policy.sources)
         # Measured with as many attempts as a plan needs: then a failed attempt ends all plans.
-        is_tight = not self.tasks.has_spare_attempts
+        is_tight = self.tasks.episode <= 2 * self.tasks.depth
         weighs = is_recommended and has_scorer and is_tight and "p" in self.policy.sources
-        is_residual = is_recommended and has_scorer and is_single and is_pairwise
+        is_residual = is_recommended and has_scorer and is_single and not has_pair_scores
         policy = self.policy.closed(
             policy=kind,
             sees_attempts=sees,

@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import msgspec
-import torch
 
 from wordcraft_kg.agents.agent_config import AgentConfig
 from wordcraft_kg.agents.agent_folder import AGENTS, INPUTS, policy_at
@@ -34,7 +33,7 @@ from wordcraft_kg.agents.agent_records import (
     read_summary,
 )
 from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
-from wordcraft_kg.agents.impala import Impala, check_compiler
+from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.plan_weights import fit_plan_weights
 from wordcraft_kg.base import (
     ArtefactError,
@@ -59,8 +58,7 @@ from wordcraft_kg.models.policies.policy_folder import (
     write_parameters,
 )
 from wordcraft_kg.models.policies.sources import need_no_scorer
-from wordcraft_kg.models.policies.sources.registry import tables_are_too_large
-from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
+from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.scorer_folder import FOLDS_TENSORS, MODEL, WEIGHTS
 from wordcraft_kg.planning.source import BestPlan, P
 from wordcraft_kg.runs.checkpoints import Checkpoint
@@ -170,15 +168,13 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
     config_type = AgentConfig
 
     def __init__(self, config: AgentConfig, opened: OpenedGraph):
-        """Check that the device and the compiler are available, before a folder is replaced.
+        """Check that the device is available, before a folder is replaced.
 
         Raises:
             ConfigError: if not.
         """
         super().__init__(config, opened)
         check_device(config.trainer.device)
-        if config.trainer.compile:
-            check_compiler(torch.device(config.trainer.device))
 
     @classmethod
     def settled(cls, config: AgentConfig, opened: OpenedGraph) -> AgentConfig:  # noqa: D102
@@ -253,7 +249,6 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             TaskError: if the split has no train tasks for these settings.
         """
         config = self.config
-        _warn_of_short_unrolls(config)
         scorer = None
         observed = None
         self.facts: dict[str, Any] = {}
@@ -261,9 +256,6 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             model = open_model(Path(config.scorer), self.opened.source)
             scorer = model.scorer
             observed = model.triples
-            # Checked before the tasks are made, which takes long for a large graph.
-            main_model = whole_of(scorer) if config.policy.in_sample else scorer
-            tables_are_too_large(config.policy.sources, main_model)
             self.facts["kg"] = model.kg
             folds = folds_of(scorer)
             if folds is not None and not config.policy.in_sample:
@@ -330,10 +322,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         checkpoint_every = self._in_updates(trainer.checkpoint_every)
         # Without learning curves, there is a point at the end alone.
         eval_every = self._in_updates(trainer.eval_every) if trainer.eval_every else trainer.updates
-        # Where a recipe scorer's loops use the threads, torch's own would only wait, and waiting
-        # takes the processor's time from the loops.
-        threads = 1 if self.impala.scores_ahead else trainer.threads
-        with self.impala, torch_threads(threads):
+        with torch_threads(self.impala.threads):
             # A checkpoint before the first update, so that a run killed early can be resumed.
             if run.checkpoints.last is None:
                 self._save()
@@ -458,18 +447,6 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         return TrainedAgent(run.path, self.step, summary)
 
 
-def _warn_of_short_unrolls(config: AgentConfig) -> None:
-    """Warn that the first actions of an episode will hardly learn from its reward."""
-    if config.trainer.unroll_steps < config.tasks.episode:
-        logging.getLogger(__name__).warning(
-            "`unroll` %d is shorter than an episode of %d actions: actions before the last unroll "
-            "learn from estimated values alone. Set `unroll` to %d or more.",
-            config.trainer.unroll_steps,
-            config.tasks.episode,
-            config.tasks.episode,
-        )
-
-
 def _warn_of_in_sample_scores(config: AgentConfig) -> None:
     """Warn that scores of train tasks will be better than scores of test tasks can be."""
     cause = "the scorer has no folds"
@@ -516,6 +493,17 @@ def _episode_lines(world: World, results: Mapping[TaskPart, Evaluation]) -> Iter
             yield json_text(msgspec.to_builtins(row)) + "\n"
 
 
+_NOTES: Mapping[str | None, str] = {
+    "full": (
+        "\nThe scorer was trained on all triples, including test triples: success on test tasks "
+        "measures the use of a perfect source, not generalisation.\n"
+    ),
+    "none": (
+        "\nThe scorer was not trained on any recipe in the graph, so it treats train and test "
+        "tasks alike, unless its source (such as a language model) knew recipes in this book.\n"
+    ),
+}
+"""Notes on scorers of other recipes than the train recipes."""
 _KINDS = {
     "pairs": "Actor-critic on pairs",
     "attention": "Self-attention actor-critic",
@@ -575,19 +563,8 @@ def _guide(config: AgentConfig, run: RunRecord) -> str:
 
 def _note_on_scores(run: RunRecord) -> str:
     """Return a paragraph on what the scorer knew of the tasks; empty without a scorer."""
-    if run.kg is None:
-        return ""
-    if run.kg == "full":
-        return (
-            "\nThe scorer was trained on all triples, including test triples: success on test "
-            "tasks measures the use of a perfect source, not generalisation.\n"
-        )
-    if run.kg == "none":
-        return (
-            "\nThe scorer was not trained on any recipe in the graph, so it treats train and test "
-            "tasks alike, unless its source (such as a language model) knew recipes in this "
-            "book.\n"
-        )
+    if run.kg != "partial":
+        return _NOTES.get(run.kg, "")
     if run.cross_fitted:
         return (
             f"\nThe scorer is cross-fitted in {run.cross_fitted} folds: a model trained without "

@@ -40,16 +40,19 @@ from wordcraft_kg.models.policies.policy import Policy
 _HASH_FACTOR = 6_364_136_223_846_793_005
 
 
+@dataclass(frozen=True)
 class PolicyPlayer:
     """A player that takes the best action under a policy's current weights.
 
     Ties go to the first slot.
+
+    Attributes:
+        policy: the policy.
+        silent: names of its sources whose scores are 0 in this player.
     """
 
-    def __init__(self, policy: Policy, silent: Collection[str] = ()):
-        """Take a policy, and names of its sources whose scores are 0 in this player."""
-        self.policy = policy
-        self.silent = silent
+    policy: Policy
+    silent: Collection[str] = ()
 
     @torch.no_grad()
     def __call__(self, state: State, rng: np.random.Generator) -> Any:
@@ -81,17 +84,16 @@ def player_of(policy: Policy, kind: str) -> Player:
         ConfigError: for ``kg-only`` and a policy without a scorer.
         KeyError: for another ``kind``.
     """
-    if kind == "kg-only":
-        if not policy.sources:
-            raise ConfigError(
-                "`agent` 'kg-only' plays by the run's scorer, but this run was trained without a "
-                "scorer."
-            )
-        return knowledge_player(list(policy.sources.values()))
+    if kind == "kg-only" and not policy.sources:
+        raise ConfigError(
+            "`agent` 'kg-only' plays by the run's scorer, but this run was trained without a "
+            "scorer."
+        )
     players: dict[str, Player] = {
         "trained": PolicyPlayer(policy),
         "random": random_entity,
         "oracle": recipe_oracle,
+        "kg-only": knowledge_player(list(policy.sources.values())),
     }
     return players[kind]
 

@@ -23,7 +23,7 @@ from wordcraft_kg.base import (
 from wordcraft_kg.envs.batch import GOAL, IN_PROGRESS, OUT_OF_ATTEMPTS, OUTCOMES
 from wordcraft_kg.envs.draws import EvaluationTables
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import Entity, Ids, Part, TaskSet, TrainedOn
+from wordcraft_kg.graphs import Entity, Part, TaskSet, TrainedOn
 from wordcraft_kg.graphs.tasks import Rows
 from wordcraft_kg.models.policies.policy import (
     Policy,
@@ -32,7 +32,6 @@ from wordcraft_kg.models.policies.policy import (
     selected_entities,
 )
 from wordcraft_kg.models.policies.sources import ALPHA
-from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import FoldedSource, Source
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence, OutsideEvidenceFinder
@@ -135,10 +134,10 @@ class ExplainedStep(Record):
     made: tuple[str, ...]
     slots: Annotated[tuple[ExplainedSlot, ...], msgspec.Meta(min_length=1)]
 
-    def best_evidence(self, limit: int = _MAX_PAIRS) -> list[tuple[str, SlotEvidence]]:
+    def best_evidence(self) -> list[tuple[str, SlotEvidence]]:
         """Return the entities with the highest logits, each with evidence.
 
-        At most ``limit``, and no pair of entity and partner twice.
+        At most three, and no pair of entity and partner twice.
         """
         pairs: dict[frozenset[str], tuple[str, SlotEvidence]] = {}
         best_first = sorted(self.slots, key=lambda slot: -slot.logit)
@@ -148,7 +147,7 @@ class ExplainedStep(Record):
                 # The same pair supports both of its slots; that with the higher logit comes first.
                 pair = frozenset((slot.entity, evidence.partner))
                 pairs.setdefault(pair, (slot.entity, evidence))
-        return list(pairs.values())[:limit]
+        return list(pairs.values())[:_MAX_PAIRS]
 
 
 class ExplainedEpisode(Record):
@@ -274,7 +273,8 @@ class Explainer:
         """
         self.world = world
         self._kg = kg
-        self._trained_on = trained_on
+        num_recipes = world.graph.num_recipes
+        self._trained_on = np.ones(num_recipes, dtype=bool) if trained_on is None else trained_on
         self._max_actions = max_actions
         self._outside = outside
         self._policy = _own(policy)
@@ -291,16 +291,8 @@ class Explainer:
             self._exact_weights = self._exact.weights()
         self.tables = EvaluationTables(world)
 
-    def episode(self, task: int, distractor_seed: int = 0) -> ExplainedEpisode:
-        """Play and explain a task (index) on an evaluation table.
-
-        Raises:
-            ConfigError: if there is no such task or table, or the policy has other slots.
-        """
-        return self._played(self._of_task(task, self.tables.table(task, distractor_seed)))
-
     def task(self, task: int, distractor_seed: int = 0) -> ExplainedTable:
-        """Return an :meth:`episode` with the plans at its table and the model behind its scores.
+        """Play and explain a task (index) on an evaluation table.
 
         Raises:
             ConfigError: if there is no such task or table, or the policy has other slots.
@@ -369,10 +361,11 @@ class Explainer:
 
     def _of_table(self, goal: int, table: list[int]) -> _Query:
         plans = self._ways(goal, table)
-        folds = self._folds()
+        source = _folded(self._policy)
         query = _Query(self._policy, None, self.world.graph.labels(table), plans, goal, table)
-        if folds is None or not plans:
+        if source is None or not plans:
             return query
+        folds = source.fold_of_recipe.cpu().numpy()
         # A task of one's own from this table, so that its model is chosen as for the world's tasks.
         posed = TaskSet(
             self.world.graph,
@@ -400,16 +393,6 @@ class Explainer:
         attempts = min(world.config.attempts, world.config.depth)
         ways = world.search.shortest_ways(goal, have, attempts)
         return tuple(world.search.ordered(ways, goal, have))
-
-    def _folds(self) -> Ids | None:
-        for source in self._policy.sources.values():
-            if (
-                isinstance(source, FoldedSource)
-                and source.reads_task
-                and len(source.fold_of_recipe)
-            ):
-                return np.asarray(source.fold_of_recipe.cpu().numpy())
-        return None
 
     def _explained(self, query: _Query) -> ExplainedTable:
         graph = self.world.graph
@@ -439,37 +422,24 @@ class Explainer:
     def _answering(self, query: _Query) -> tuple[Model, int | None, NDArray[np.bool_]]:
         """Return the model that gives the scores, the fold it has not seen, and its recipes."""
         is_train = self.world.split.is_in("train")
-        folds = self._folds()
+        source = _folded(query.policy)
         if not self._policy.sources:
             return "no_scorer", None, np.zeros_like(is_train)
         if self._kg == "none":
             return "no_recipes", None, np.zeros_like(is_train)
-        if folds is None and self._kg == "full":
-            return "all_recipes", None, self._known(np.ones_like(is_train), 0)
-        if folds is None:
-            return "train_recipes", None, self._known(is_train, 0)
-        seen_recipes = seen_by_models(folds)
+        if source is None and self._kg == "full":
+            return "all_recipes", None, self._trained_on
+        if source is None:
+            return "train_recipes", None, is_train & self._trained_on
+        seen_recipes = seen_by_models(source.fold_of_recipe.cpu().numpy())
         # Model 0 is that of all train recipes, model i + 1 lacks fold i, the last one is no model.
-        model = 0
-        if query.task is not None:
-            sources = query.policy.sources.values()
-            source = next(source for source in sources if isinstance(source, FoldedSource))
-            model = int(source.model_of_task[query.task])
+        model = 0 if query.task is None else int(source.model_of_task[query.task])
         if model == len(seen_recipes) - 1:
             return "no_knowledge", None, seen_recipes[model]
-        is_known = self._known(seen_recipes[model], model)
+        is_known = seen_recipes[model] & self._trained_on
         if model == 0:
             return "train_recipes", None, is_known
         return "without_a_fold", model - 1, is_known
-
-    def _known(self, is_seen: NDArray[np.bool_], model: int) -> NDArray[np.bool_]:
-        if self._trained_on is not None:
-            return is_seen & self._trained_on
-        for source in self._policy.sources.values():
-            if isinstance(source, BestRecipe):
-                recipes = torch.from_numpy(self.world.graph.recipes.copy())
-                return np.asarray(is_seen & source.knows(recipes, model).numpy())
-        return is_seen
 
     def _played(self, query: _Query) -> ExplainedEpisode:
         world = self.world
@@ -593,6 +563,12 @@ def _own(policy: Policy) -> Policy:
     return copy.deepcopy(policy, shared).eval()
 
 
+def _folded(policy: Policy) -> FoldedSource | None:
+    """Return a source with the models of folds, which are the same in all; None without one."""
+    sources = (source for source in policy.folded_sources if len(source.fold_of_recipe))
+    return next(sources, None)
+
+
 def explain_episodes(
     policy: Policy,
     world: World,
@@ -624,14 +600,6 @@ def explain_episodes(
             scorer.
     """
     explainer = Explainer(policy, world, outside=outside)
-    tables = list(_chosen_tables(world, goal, task, episodes))
-    return tuple(explainer.episode(*table) for table in steps("explaining", tables))
-
-
-def _chosen_tables(
-    world: World, goal: str | None, task: int | None, episodes: int
-) -> Iterator[tuple[int, int]]:
-    """Yield the tasks and distractor seeds to play; arguments as of :func:`explain_episodes`."""
     tasks = world.tasks
     if task is not None:
         rows = np.array([whole("task", task, 0, len(tasks) - 1)])
@@ -647,9 +615,8 @@ def _chosen_tables(
         episodes = min(episodes, len(tasks))
         rows = np.linspace(0, len(tasks) - 1, episodes).astype(np.int64)
     # All tasks with the first table, then all with the second one.
-    for number in range(episodes):
-        distractor_seed, place = divmod(number, len(rows))
-        yield int(rows[place]), distractor_seed
+    tables = [(int(rows[n % len(rows)]), n // len(rows)) for n in range(episodes)]
+    return tuple(explainer.task(*table).episode for table in steps("explaining", tables))
 
 
 def _slots(

@@ -13,8 +13,7 @@ steps. The order of operations is part of the results: tests compare whole train
 import math
 from collections import deque
 from collections.abc import Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -58,7 +57,7 @@ class _Unroll(NamedTuple):
         external_scores: shape (T + 1, B, S, C): source scores, cached for the learner; None without
             sources.
         noise: shape (T + 1, B, H): which hidden units are dropped, the same for actor and learner;
-            None for a policy without noise.
+            H is 0 for a policy without noise.
         remembered: shape (T, B, C), bool: choices that lead to remembered pairs; None without a
             memory.
         actions: shape (T, B), int64: choices.
@@ -71,7 +70,7 @@ class _Unroll(NamedTuple):
 
     states: States
     external_scores: Tensor | None
-    noise: Tensor | None
+    noise: Tensor
     remembered: Tensor | None
     actions: Tensor
     log_probs: Tensor
@@ -111,9 +110,7 @@ class Impala:
         update_number: number of finished updates.
         optimizer: RMSProp on all parameters as one tensor.
         successes: memory of own successes; stays empty without ``config.memory_cost``.
-        scores_ahead: whether a further thread scores the next tables while the policy learns.
-
-    A trainer is a context manager: its end stops that thread.
+        threads: threads of torch's own loops.
     """
 
     def __init__(
@@ -130,9 +127,8 @@ class Impala:
             config: settings of the trainer.
 
         Raises:
-            ConfigError: if ``config.compile`` is set and torch cannot compile here, if
-                ``config.policy_lag`` policies do not fit into memory, or if ``config.unroll`` ends
-                within an attempt and the policy chooses pairs.
+            ConfigError: if ``config.policy_lag`` policies do not fit into memory, or if
+                ``config.unroll`` ends within an attempt and the policy chooses pairs.
         """
         tasks = envs.world.config
         config = config.for_episodes(2 * (tasks.max_attempts or tasks.depth))
@@ -158,14 +154,11 @@ class Impala:
             lr=config.first_rate,
             alpha=config.rms_decay,
             eps=config.rms_epsilon,
-            momentum=config.momentum,
         )
         # As RMSProp makes it in its first step; made here, every checkpoint has it.
         optimizer_state = self.optimizer.state[self._flat]
         optimizer_state["step"] = torch.tensor(0.0)  # counted on the CPU
-        averages = ("square_avg", "momentum_buffer") if config.momentum else ("square_avg",)
-        for name in averages:
-            optimizer_state[name] = torch.zeros_like(self._flat)
+        optimizer_state["square_avg"] = torch.zeros_like(self._flat)
         lag = min(config.policy_lag, config.updates)
         num_bytes = 4 * len(self._flat) * lag  # bytes of float32
         check_memory("policy_lag", config.policy_lag, "that many policies", num_bytes)
@@ -174,8 +167,6 @@ class Impala:
         # The action to combine is the last slot, and stays.
         if policy.num_slots is None and not policy.most_picks:
             self._slots -= envs.world.max_results
-        # The memory holds pairs.
-        self._remembers = bool(config.memory_cost) and not policy.most_picks
         self.successes = Successes(policy.num_entities, self.device)
         self._generator = torch.Generator(self.device).manual_seed(config.seed)
         # The newest snapshot is the learner's; with lag k the oldest is from k updates ago.
@@ -184,22 +175,12 @@ class Impala:
         by_lists = [part for part in policy.modules() if isinstance(part, RecipeKnowledge)]
         for knowledge in by_lists:
             knowledge.workers = config.threads
-        self.scores_ahead = bool(by_lists) and config.threads > 1 and self.device.type == "cpu"
-        # One thread more: it waits for the loops' threads most of the time.
-        self._ahead = ThreadPoolExecutor(1)
-        # Scores of the states in which the next unroll begins; None if they are not known yet.
-        self._next_scores: Tensor | None = None
+        # Where a recipe scorer's loops use the threads, torch's own would only wait, and waiting
+        # takes the processor's time from the loops.
+        self.threads = 1 if by_lists else config.threads
         # Sums stay on the device, in float64 so that many small terms do not vanish.
         self._sums = self._empty(len(METRICS), dtype=torch.float64).zero_()
         self._last: _Last | None = None
-        self._act = self._choose
-        self._learn = self._losses
-        if config.compile:
-            check_compiler(self.device)
-            # On a device, launching kernels costs more than the kernels: CUDA graphs replay them.
-            mode = "reduce-overhead" if self.device.type == "cuda" else "default"
-            self._act = torch.compile(self._choose, mode=mode, dynamic=False)
-            self._learn = torch.compile(self._losses, mode=mode, dynamic=False)
 
     def _weight_of_scorer_cost(self) -> float:
         """Return the weight of the divergence from the scorer's policy; 0 for no such penalty."""
@@ -239,6 +220,8 @@ class Impala:
         slots = self._slots
         choices = self.policy.num_choices(slots)
         num_sources = len(self.policy.sources)
+        # The memory holds pairs.
+        has_memory = self.config.memory_cost and not self.policy.most_picks
         return _Unroll(
             states=States(
                 goal=self._empty(time + 1, batch, dtype=torch.int64),
@@ -253,13 +236,9 @@ class Impala:
             external_scores=(
                 self._empty(time + 1, batch, num_sources, choices).zero_() if num_sources else None
             ),
-            noise=(
-                self._empty(time + 1, batch, self.policy.noise_size)
-                if self.policy.noise_size
-                else None
-            ),
+            noise=self._empty(time + 1, batch, self.policy.noise_size),
             remembered=(
-                self._empty(time, batch, choices, dtype=torch.bool) if self._remembers else None
+                self._empty(time, batch, choices, dtype=torch.bool) if has_memory else None
             ),
             actions=self._empty(time, batch, dtype=torch.int64),
             log_probs=self._empty(time, batch),
@@ -268,12 +247,6 @@ class Impala:
             over=self._empty(time, batch, dtype=torch.bool),
             won=self._empty(time, batch, dtype=torch.bool),
         )
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._ahead.shutdown(cancel_futures=True)
 
     # --- an update --------------------------------------------------------------------------------
 
@@ -288,22 +261,11 @@ class Impala:
         # What depends on parameters only is computed once, for the actor and the learner.
         weights = self.policy.weights(self._generator)
         is_cut = self._collect(self._acting(weights))
-        # The next scores depend on the environments alone, so they need not wait for the learner.
-        ahead: Future[Tensor | None] | None = None
-        if self.scores_ahead and self.update_number + 1 < self.config.updates:
-            ahead = self._ahead.submit(self.policy.external_scores, self._states())
-        try:
-            # Gradients flow through `weights` into the views of the flat gradient.
-            self._gradient.zero_()
-            losses, last = self._learn(weights, self._unroll, is_cut)
-            # Copied, because a compiled learner reuses its output tensors.
-            details = _Last(last.log_rhos.clone(), last.lambdas.clone())
-            self._descend(losses)
-            self._last = details
-        finally:
-            # Awaited whatever happens: the caller may bind the policy to other tasks now.
-            scores = None if ahead is None else ahead.result()
-        self._next_scores = scores
+        # Gradients flow through `weights` into the views of the flat gradient.
+        self._gradient.zero_()
+        losses, last = self._losses(weights, self._unroll, is_cut)
+        self._descend(losses)
+        self._last = last
 
     def _descend(self, losses: _Loss) -> None:
         """Take a step of the optimiser down the gradient of the losses.
@@ -456,7 +418,6 @@ class Impala:
             self._snapshots.append(
                 {name: part.to(self.device, copy=True) for name, part in snapshot}
             )
-        self._next_scores = None
         self.successes.keys = state["successes"].to(self.device, copy=True)
         self._generator.set_state(state["generator"])
         self.update_number = int(state["update"])
@@ -475,23 +436,17 @@ class Impala:
             generator=self._generator,
             device=self.device,
         )
-        if unroll.noise is not None:
-            unroll.noise.uniform_(generator=self._generator)
-        # Taken once: after an update that failed, the environments are elsewhere.
-        ahead, self._next_scores = self._next_scores, None
+        unroll.noise.uniform_(generator=self._generator)
         for t in range(self._time):
             states = self._observe(t)
-            early_scores = ahead if t == 0 else None
-            scores = self.policy.external_scores(states) if early_scores is None else early_scores
+            scores = self.policy.external_scores(states)
             if scores is not None:
                 # Kept, so that the learner does not compute them again.
                 assert unroll.external_scores is not None
                 unroll.external_scores[t] = scores
                 scores = unroll.external_scores[t]
-            # Compiled code expects the same tensors in each update: the unroll's, not the engine's.
             observed = unroll.states.of(t)
-            dropped = None if unroll.noise is None else unroll.noise[t]
-            actions, log_probs = self._act(weights, observed, scores, noise[t], dropped)
+            actions, log_probs = self._choose(weights, observed, scores, noise[t], unroll.noise[t])
             unroll.actions[t] = actions
             unroll.log_probs[t] = log_probs
             for slot_actions in self.policy.slots_of(actions, self._slots):
@@ -594,7 +549,7 @@ class Impala:
         external_scores = None
         if unroll.external_scores is not None:
             external_scores = unroll.external_scores[:num_states].flatten(0, 1)
-        noise = None if unroll.noise is None else unroll.noise[:num_states].flatten(0, 1)
+        noise = unroll.noise[:num_states].flatten(0, 1)
         output = self.policy.choose(states, weights, external_scores, noise)
 
         # Log-probabilities of all choices, (C, T · B), and of the chosen ones, (T, B).
@@ -647,19 +602,3 @@ class Impala:
 
     def _empty(self, *shape: int, dtype: torch.dtype = torch.float32) -> Tensor:
         return torch.empty(*shape, dtype=dtype, device=self.device)
-
-
-def check_compiler(device: torch.device) -> None:
-    """Check that torch can compile for a device.
-
-    Raises:
-        ConfigError: with the reason given by torch.
-    """
-    try:
-        torch.compile(lambda x: (x + 1).exp())(torch.zeros(8, device=device))
-    except Exception as error:  # torch raises a dozen different classes here
-        reason = (str(error).strip() or "no reason given").splitlines()[0]
-        raise ConfigError(
-            f"`compile`: torch cannot compile here ({type(error).__name__}: {reason}). Install a "
-            "C++ compiler such as g++, or train without `compile`."
-        ) from None

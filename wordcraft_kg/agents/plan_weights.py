@@ -13,7 +13,7 @@ Source: Anthony, Tian and Barber 2017 (expert iteration); McFadden 1974 (conditi
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from itertools import combinations_with_replacement
+from itertools import combinations_with_replacement, product
 
 import numpy as np
 import torch
@@ -22,10 +22,9 @@ from torch import Tensor
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.base import LeakError, steps
 from wordcraft_kg.base.tensors import torch_threads
-from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.models.policies.states import Attempts, States
+from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.planning.search import FEATURES, MAX_ATTEMPTS
 from wordcraft_kg.planning.source import BestPlan, log_shares
 
@@ -85,26 +84,36 @@ def fit_plan_weights(
     is_learned = torch.tensor([name in features for name in FEATURES])
     if not len(task_sample):
         return weights
-    start = BatchEngine(world, len(task_sample)).pose(task_sample, 0, seed=seed)
-    states = states_of(start)
-    assert states.attempts is not None
-    # As many attempts as a plan needs.
-    attempts_left = torch.full_like(states.goal, world.config.depth)
-    states = states._replace(attempts=states.attempts._replace(left=attempts_left))
-    results = world.outcomes
+    engine = BatchEngine(world, len(task_sample))
+    state = engine.pose(task_sample, 0, seed=seed)
+    # Numbers of the environments whose goal is still to be made.
+    rows = torch.arange(len(task_sample))
     with torch_threads(1):
         for number in steps("weighing plans", range(world.config.depth, 0, -1)):
-            leads = _pairs_to_goal(states, results, number, world.nothing)
+            # As many attempts as a plan needs.
+            states = states_of(state).of(rows)
+            assert states.attempts is not None
+            left = torch.full_like(states.goal, number)
+            states = states._replace(attempts=states.attempts._replace(left=left))
+            leads = _pairs_to_goal(states, world.outcomes, number, world.nothing)
             is_possible = leads.flatten(1).any(1)
-            states = states.of(is_possible)
+            rows = rows[is_possible]
             leads = leads[is_possible]
-            if not len(leads):
+            if not len(rows):
                 break
             # The search looks no further ahead than its most attempts.
             row = min(number, MAX_ATTEMPTS) - 1
-            weights[row] = _fitted(source, states, leads, weights[row], is_learned)
+            weights[row] = _fitted(source, states.of(is_possible), leads, weights[row], is_learned)
             if number > 1:
-                states = _after_right_pair(states, leads, results, world.nothing, rng)
+                # A right pair each, drawn evenly; environments that are done choose their first
+                # slot twice.
+                slots = np.zeros((2, len(task_sample)), dtype=np.int64)
+                for place, lead in zip(rows.tolist(), leads, strict=True):
+                    right = lead.nonzero()
+                    slots[:, place] = right[rng.integers(len(right))]
+                for choices in slots:
+                    state, step = engine.step_once(state, choices)
+                rows = rows[step.outcome[rows] != GOAL]
     return weights
 
 
@@ -116,9 +125,8 @@ def _pairs_to_goal(states: States, results: _Results, number: int, nothing: int)
     for row, table in enumerate(states.table.tolist()):
         entities = [entity for entity in table if entity != nothing]
         right = _right_pairs(goals[row], entities, results, number)
-        for first_slot, first in enumerate(table):
-            for second_slot, second in enumerate(table):
-                leads[row, first_slot, second_slot] = _pair(first, second) in right
+        is_right = [tuple(sorted(pair)) in right for pair in product(table, repeat=2)]
+        leads[row] = torch.tensor(is_right).view(num_slots, num_slots)
     return leads
 
 
@@ -146,45 +154,6 @@ def _right_pairs(
     return right
 
 
-def _pair(first: int, second: int) -> tuple[int, int]:
-    """Return a pair with the smaller id first."""
-    return (min(first, second), max(first, second))
-
-
-def _after_right_pair(
-    states: States,
-    leads: Tensor,
-    results: _Results,
-    nothing: int,
-    rng: np.random.Generator,
-) -> States:
-    """Return the states after a right pair each, drawn evenly, that did not make the goal."""
-    attempts = states.attempts
-    assert attempts is not None
-    assert attempts.tried is not None
-    table = states.table.clone()
-    tried = attempts.tried.clone()
-    goes_on = torch.ones(len(table), dtype=torch.bool)
-    for row in range(len(table)):
-        right: Ids = leads[row].nonzero().numpy()
-        first_slot, second_slot = right[rng.integers(len(right))]
-        first = int(table[row, first_slot])
-        second = int(table[row, second_slot])
-        products = results[_pair(first, second)]
-        goes_on[row] = int(states.goal[row]) not in products
-        present = table[row].tolist()
-        new = [entity for entity in products if entity not in present]
-        is_free = table[row] == nothing
-        free_slots = is_free.nonzero()[:, 0].tolist()
-        # Results beyond the free slots are left out.
-        for slot, entity in zip(free_slots, new, strict=False):
-            table[row, slot] = entity
-        num_tried = int((tried[row, :, 0] != nothing).sum())
-        tried[row, num_tried] = torch.tensor([first, second])
-    after = states._replace(table=table, attempts=Attempts(attempts.left - 1, tried))
-    return after.of(goes_on)
-
-
 def _fitted(
     source: BestPlan,
     states: States,
@@ -204,9 +173,7 @@ def _fitted(
     Returns:
         shape (F,).
     """
-    # Slots that are empty in all states, at the end of the tables, need no features.
-    is_filled = (states.table != source.num_entities).any(0)
-    slots = int(is_filled.nonzero()[-1]) + 1
+    slots = states.num_used_slots(source.num_entities)
     narrow = states._replace(table=states.table[:, :slots])
     features = source.features(narrow)
     right = leads[:, :slots, :slots]

@@ -9,7 +9,8 @@ combines once no entity on the table has a score above 0, the mean of all, and p
 unless a source scores the action to combine.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 import torch
@@ -17,18 +18,17 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.agents.states import ROWS, bind_tasks, states_of
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.envs.batch import State
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Ids, RecipeGraph, Split, TaskSet
 from wordcraft_kg.models.policies.sources import with_letters
-from wordcraft_kg.models.policies.sources.pairs import SetTable
-from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer, VoteScorer
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
-from wordcraft_kg.models.scorers.features import ENCODE, glove_features, make_features, named
+from wordcraft_kg.models.scorers.features import glove_features, make_features, named
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -222,17 +222,6 @@ def _are_equal(rounded: NDArray[np.float32], unit: NDArray[np.float32]) -> bool:
 def is_words_player(name: str) -> bool:
     """Return whether this is the name of a player by nearest words, with any vectors."""
     return name.startswith(NEAREST_WORDS)
-
-
-def advice_on_words(names: Iterable[str]) -> list[str]:
-    """Return advice, a sentence, if these players have no words but GloVe's; else nothing."""
-    words = set(filter(is_words_player, names))
-    if words != {f"{NEAREST_WORDS} (glove)"}:
-        return []
-    return [
-        "nearest words: only GloVe was at hand, and a sentence encoder's vectors make more goals: "
-        f"`{ENCODE}`, then `train-recipes --features`"
-    ]
 
 
 def nearest_words(vectors: NDArray[np.float32]) -> Player:
@@ -430,13 +419,15 @@ def scorer_players(
             "u+v, self edges observed": of("u", "v", self_edges="observed"),
             "u+v, self edges dropped": of("u", "v", self_edges="drop"),
         }
-    # The sources w and p refuse train tasks, where scores would be in-sample.
-    if BestRecipe.serves(scorer):
-        players[BEST_PAIR if graph.has_pairs_only else BEST_SET] = of("w")
-    if SetTable.serves(scorer) and graph.has_pairs_only:
-        players[BEST_IN_TABLE] = of("t")
-    if plans and BestPlan.serves(scorer):
-        players[PLANNER] = of("p")
+    sources = {BEST_PAIR if graph.has_pairs_only else BEST_SET: "w"}
+    if graph.has_pairs_only:
+        sources[BEST_IN_TABLE] = "t"
+    if plans:
+        sources[PLANNER] = "p"
+    for name, source in sources.items():
+        # Without the players of sources that the scorer cannot serve.
+        with suppress(ConfigError):
+            players[name] = of(source)
     return players
 
 

@@ -20,14 +20,13 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from torch import Tensor
 
-from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, LeakError
+from wordcraft_kg.base.errors import ActionError, ConfigError, LeakError
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.envs.wordcraft import Arrays, WordCraftVectorEnv
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import TaskNumbers
 from wordcraft_kg.graphs.graph_folder import GraphLike
 from wordcraft_kg.models.policies.policy import Policy, PolicyOutput
-from wordcraft_kg.models.policies.sources.source import FoldedSource
 from wordcraft_kg.models.policies.states import States
 
 try:
@@ -204,16 +203,7 @@ class _NetworkPolicy(BasePolicy):
 
     def _bound_to(self) -> list[str]:
         """Return the hashes of the tasks that the sources' task numbers index."""
-        return [source.bound_to for source in _folded(self.network)]
-
-
-def _folded(network: Policy) -> list[FoldedSource]:
-    """Return the sources whose scores depend on the task."""
-    return [
-        source
-        for source in network.sources.values()
-        if isinstance(source, FoldedSource) and source.reads_task
-    ]
+        return [source.bound_to for source in self.network.folded_sources]
 
 
 class SB3Policy(_NetworkPolicy, ActorCriticPolicy):
@@ -279,7 +269,7 @@ def _check_tasks(task: spaces.Space[Any] | None, network: Policy) -> None:
             "the policy's scorer is cross-fitted, so its scores depend on the task, but the "
             "observations have no task index. Wrap the environment: TaskObservation(env)."
         )
-    amounts = {len(source.model_of_task) for source in _folded(network) if source.bound_to}
+    amounts = {len(source.model_of_task) for source in network.folded_sources if source.bound_to}
     if isinstance(task, spaces.Discrete) and amounts and amounts != {task.n}:
         raise ConfigError(
             f"the policy was made for {max(amounts) - 1:,} tasks but the environment has "
@@ -340,7 +330,6 @@ class SB3VecEnv(VecEnv):
         if self._numbers is not None:
             assert isinstance(space, spaces.Dict)
             space = spaces.Dict({**space.spaces, "task": self._numbers.space})
-        self._actions: NDArray[np.int64] | None = None
         super().__init__(self.env.num_envs, space, self.env.single_action_space)
 
     def reset(self) -> Arrays:
@@ -367,13 +356,9 @@ class SB3VecEnv(VecEnv):
             Observations, rewards (float32), whether each episode ended, and infos.
 
         Raises:
-            EpisodeError: without noted slots.
             ActionError: for a number that is not a slot.
         """
-        if self._actions is None:
-            raise EpisodeError("call step_async() with actions before step_wait().")
         observations, rewards, over, _, infos = self.env.step(self._actions)
-        self._actions = None
         # A dictionary for each: wrappers of Stable-Baselines3 write into them.
         by_env: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if "final_obs" in infos:

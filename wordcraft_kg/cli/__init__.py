@@ -235,7 +235,7 @@ class _FlowingHelp(DefaultFormatter):
     """Help formatter that joins the lines of docstrings; blank lines and command lines stay.
 
     Args:
-        hidden: names of options that are not shown, such as ``--momentum``.
+        hidden: names of options that are not shown, such as ``--clip``.
     """
 
     def __init__(self, hidden: Sequence[str] = ()) -> None:

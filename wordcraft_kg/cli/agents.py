@@ -248,7 +248,6 @@ def _table(view: "Baselines", amounts: list[int]) -> list[str]:
         f"{tasks}{policy}; intervals: {view.intervals}",
         *shares,
         own,
-        *view.notes(),
     ]
 
 

@@ -46,7 +46,7 @@ class Manual:
         name: name of the command, such as ``describe`` or ``people serve``.
         function: the function that runs the command; its signature gives the usage.
         examples: complete command lines, to show in the help.
-        file_only: names of the options that the help does not show, such as ``--momentum``.
+        file_only: names of the options that the help does not show, such as ``--clip``.
         group: group of an app's command in the help; empty for the package's own.
         subject: help text for the first of a command's two words, or empty.
     """

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from wordcraft_kg.base import ConfigError, check_output, counted, sha256_of
-from wordcraft_kg.cli.console import Output, aligned, command_line
+from wordcraft_kg.cli.console import Output, command_line
 from wordcraft_kg.cli.options import Force, Graph
 from wordcraft_kg.graphs import open_graph
 
@@ -33,8 +33,8 @@ def import_knowledge(  # noqa: PLR0913 - parameters are the command's options
     Scores of sets, such as a language model's opinions, become a model folder instead, for
     train-agent --use table.
 
-    The command aligns the labels with the general graph's nodes, and makes tables, triples and
-    facts. Among several senses of a word, the first one counts; recipes are not read.
+    The command aligns the labels with the general graph's nodes, and makes tables and triples.
+    Among several senses of a word, the first one counts; recipes are not read.
 
     Args:
         wordnet: folder with WordNet's database files, such as data.noun and index.noun.
@@ -43,16 +43,12 @@ def import_knowledge(  # noqa: PLR0913 - parameters are the command's options
             these names and perhaps weight, with tabs or commas; plain or gzipped.
         overrides: file with a label, a tab and a node on each line, as in the output's
             alignment.tsv; without a node, the label is left out.
-        scores: CSV with the columns set (such as "flour + water", or a column for each ingredient),
-            result and score; only differences count, and a set without a score has the mean.
+        scores: CSV with the columns set (such as "flour + water"), result and score; only
+            differences count, and a set without a score has the mean.
         out: knowledge folder to write. Default: knowledge/<graph name>-<wordnet, conceptnet or
             triples>, or models/<graph name>-scores.
     """
-    from wordcraft_kg.models.knowledge.importing import (
-        Kind,
-        describe,
-        import_knowledge,
-    )
+    from wordcraft_kg.models.knowledge.importing import Kind, import_knowledge
 
     if scores is not None:
         if wordnet or conceptnet or triples or overrides:
@@ -76,9 +72,10 @@ def import_knowledge(  # noqa: PLR0913 - parameters are the command's options
     # Refused before a large file is read.
     check_output(out, force=force)
     view = import_knowledge(opened, kind, path, out, overrides=overrides, force=force)
-    text = aligned(describe(view), numbers=True)
-    triples_and_facts = f"{counted(view.triples, 'triple')}, {counted(view.facts, 'fact')}"
-    text.append(f"{triples_and_facts}, tables: {', '.join(view.tables)}")
+    text = [
+        f"{view.aligned:,} of {counted(view.entities, 'label')} aligned, see alignment.tsv",
+        f"{counted(view.triples, 'triple')}, tables: {', '.join(view.tables)}",
+    ]
     # Recipe scorers take pairs.
     train = "train-recipes" if (opened.graph.sizes == 2).all() else "train-complex"
     text.append(f"wrote {out}/   next: {command_line(train, graph, '--with', out)}")

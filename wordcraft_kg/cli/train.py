@@ -58,13 +58,12 @@ EXAMPLES = {
     ),
 }
 FILE_ONLY = {
-    # For comparisons: auto knows when an encoder gains something; studies train on less or worse.
-    "train-recipes": ["--encoder", "--label-noise", "--threads", "--train-fraction"],
+    # For comparisons: studies train on less or worse.
+    "train-recipes": ["--label-noise", "--threads", "--train-fraction"],
     # Chosen once for all by studies.
     "train-complex": [
         "--batch-size",
         "--checkpoint-every",
-        "--eval-every",
         "--init-scale",
         "--label-noise",
         "--learning-rate",
@@ -76,7 +75,6 @@ FILE_ONLY = {
     "train-links": [
         "--batch-size",
         "--checkpoint-every",
-        "--eval-every",
         "--label-noise",
         "--threads",
         "--train-fraction",
@@ -88,7 +86,6 @@ FILE_ONLY = {
         "--batch-size",
         "--checkpoint-every",
         "--clip",
-        "--compile",
         "--discount",
         "--distractor-policy",
         "--distractor-weighting",
@@ -99,7 +96,6 @@ FILE_ONLY = {
         "--key-size",
         "--log-every",
         "--memory-cost",
-        "--momentum",
         "--pair-size",
         "--pays-held-out",
         "--plan-width",
@@ -194,8 +190,7 @@ def run_training(
                 trackers=trackers,
                 progress=output.progress(name or trainer.kind.name, unit=trainer.kind.unit),
             )
-            # The training of a recipe scorer raises by itself, and its outcome has no such
-            # attribute.
+            # Other trainings raise by themselves, and their outcomes have no such attribute.
             if getattr(trained, "interrupted", False):
                 last = next(iter(trainer.kind.checkpoints(trained.folder).records()))
                 raise KeyboardInterrupt(
@@ -284,7 +279,6 @@ def _write_report(trained: "TrainedAgent", config: AgentConfig) -> None:
 
 def _link_rows(trained: "TrainedLinks") -> Rows:
     metrics = trained.metrics
-    assert metrics is not None
     triples = f"{metrics.triples:,} triples ({metrics.kg} graph)"
     rows = [
         ("learned", f"{triples}, {metrics.epochs} epochs in {metrics.seconds:.1f} s"),
@@ -293,13 +287,6 @@ def _link_rows(trained: "TrainedLinks") -> Rows:
     if metrics.outside:
         rows.append(("with", str(metrics.outside)))
     rows += _ranks(metrics, metrics.train_mrr)
-    if metrics.valid_mrr is not None:
-        rows.append(("valid", f"best MRR {metrics.valid_mrr:.3f}, epoch {metrics.best_epoch}"))
-    if metrics.choice and not metrics.choice.beats_counting:
-        logging.getLogger(__name__).warning(
-            "on held-out train recipes no candidate is better than the frequency rule; expect the "
-            "same for unseen triples."
-        )
     # A model that has converged remembers its training triples far better than this.
     if metrics.train_mrr < 0.1:
         logging.getLogger(__name__).warning(

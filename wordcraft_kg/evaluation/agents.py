@@ -786,10 +786,6 @@ class Baselines(Record):
     rows: tuple[PlayerSuccess, ...]
     shares: dict[str, Share]
 
-    def notes(self) -> list[str]:
-        """Return advice on the words of the players, if there is any."""
-        return players.advice_on_words(row.player for row in self.rows)
-
 
 def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
     opened: OpenedGraph,

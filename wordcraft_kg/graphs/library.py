@@ -234,9 +234,14 @@ class LocatedBook(NamedTuple):
 
 
 def data_folder() -> Path | None:
-    """Return the folder for the user's recipe books, from ``WORDCRAFT_KG_DATA``; None if unset."""
+    """Return the folder for the user's recipe books, from ``WORDCRAFT_KG_DATA``; None if unset.
+
+    The variable may also name a file in the folder.
+    """
     value = os.environ.get(DATA_VARIABLE)
-    return Path(value) if value else None
+    if not value:
+        return None
+    return Path(value).parent if Path(value).is_file() else Path(value)
 
 
 def cache_folder() -> Path:

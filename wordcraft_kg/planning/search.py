@@ -23,6 +23,7 @@ candidates would be on.
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -116,32 +117,23 @@ class _Plans(NamedTuple):
     to_candidates: Tensor
 
 
+@dataclass(frozen=True, eq=False)
 class PlanSearch:
-    """Values of pairs by the most probable plan."""
+    """Values of pairs by the most probable plan.
 
-    def __init__(
-        self,
-        knowledge: RecipeKnowledge,
-        curve: RecipeCurve,
-        *,
-        width: int = 0,
-        reused: float = REUSED,
-        at_once: float = AT_ONCE,
-    ):
-        """Prepare a search.
+    Attributes:
+        knowledge: scores recipes, with E entities and one or more models.
+        curve: turns the scores into probabilities.
+        width: number of candidates, W; 0 for :data:`WIDTHS`.
+        reused: see :data:`REUSED`; 0 for a planner that knows no form of tasks.
+        at_once: see :data:`AT_ONCE`, likewise.
+    """
 
-        Args:
-            knowledge: scores recipes, with E entities and one or more models.
-            curve: turns the scores into probabilities.
-            width: number of candidates, W; 0 for :data:`WIDTHS`.
-            reused: see :data:`REUSED`; 0 for a planner that knows no form of tasks.
-            at_once: see :data:`AT_ONCE`, likewise.
-        """
-        self.knowledge = knowledge
-        self.curve = curve
-        self.width = width
-        self.reused = reused
-        self.at_once = at_once
+    knowledge: RecipeKnowledge
+    curve: RecipeCurve
+    width: int = 0
+    reused: float = REUSED
+    at_once: float = AT_ONCE
 
     @torch.no_grad()
     def values(

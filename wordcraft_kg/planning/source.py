@@ -265,16 +265,6 @@ class BestPlan(BestRecipe):
         source.register_buffer("curve", torch.tensor(values, dtype=torch.float64))
         return source
 
-    @staticmethod
-    def serves(scorer: TripleScorer) -> bool:
-        """Return whether a scorer has the probabilities of recipes that this source needs."""
-        folded = folds_of(scorer)
-        return isinstance(whole_of(scorer), SetScorer) or (
-            folded is not None
-            and folded.probabilities is not None
-            and folded.probabilities.recipes is not None
-        )
-
     @classmethod
     def restored(  # noqa: D102 - inherited
         cls,
@@ -309,11 +299,6 @@ class BestPlan(BestRecipe):
         self.kept.forget()
 
     @property
-    def is_weighed(self) -> bool:
-        """Whether there are :attr:`weights`."""
-        return "weights" in self._buffers
-
-    @property
     def search(self) -> PlanSearch:
         """The search for plans, with the settings in :attr:`curve`."""
         new, result_weight, slope, shift, width, reused, at_once = self.curve.tolist()
@@ -338,7 +323,7 @@ class BestPlan(BestRecipe):
             ConfigError: if the search would not fit into memory.
         """
         state = self._searched(states, model)
-        if not self.is_weighed:
+        if "weights" not in self._buffers:
             return self.search.values(*state)
         is_empty = states.table == self.num_entities
         features = self.search.features(*state)

@@ -9,7 +9,6 @@ from typing import Any
 from markupsafe import Markup
 
 from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
-from wordcraft_kg.agents.players import advice_on_words
 from wordcraft_kg.evaluation.agent_metrics import (
     OTHER_BOOK,
     CurvePoint,
@@ -221,7 +220,6 @@ def make_agent_report(view: AgentsView) -> Report[AgentsView]:
             "ranked": by_success(view, view.headline),
             "colours": source_colours(),
             "actions": ACTIONS,
-            "advice": advice_on_words(row.name for row in view.baselines),
         },
         files={
             "figure.svg": charts.as_file([("", success)], "Success"),

@@ -88,21 +88,10 @@ def _interval_row(name: str, metrics: RankingMetrics) -> tuple[str, charts.Estim
 
 def _pictures_of_training(view: LinkView) -> dict[str, charts.Chart]:
     loss = [(row.epoch, row.loss, None, None) for row in view.trace]
-    # Not every epoch is validated.
-    valid = [
-        (row.epoch, row.valid_mrr, None, None) for row in view.trace if row.valid_mrr is not None
-    ]
     pictures = {}
     if loss:
         pictures["loss"] = charts.curves(
             [charts.ChartCurve("loss", loss, 0)], "epoch", "training loss", "Training loss by epoch"
-        )
-    if valid:
-        pictures["valid"] = charts.curves(
-            [charts.ChartCurve("MRR", valid, 0)],
-            "epoch",
-            "validation MRR",
-            "Validation MRR by epoch",
         )
     return pictures
 

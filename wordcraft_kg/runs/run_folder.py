@@ -31,7 +31,7 @@ from wordcraft_kg.base.artefacts import (
     write_atomically,
 )
 from wordcraft_kg.base.errors import ArtefactError, TrainingError, reason
-from wordcraft_kg.runs.checkpoints import Checkpoints
+from wordcraft_kg.runs.checkpoints import KEPT, Checkpoints
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig
 from wordcraft_kg.runs.record import (
     RUN_FILE,
@@ -122,15 +122,14 @@ class RunKind(Generic[P]):
         name: label of the progress bar.
         unit: unit of progress, such as epoch or step.
         progress: type of the progress record in a checkpoint.
-        saved_as: what the files of checkpoints are named after, if not after the unit; several
-            kinds of parts may be saved.
+        kept: number of checkpoints to keep; None keeps all, of parts that a run needs to its end.
     """
 
     commands: tuple[str, ...]
     name: str
     unit: str
     progress: type[P]
-    saved_as: tuple[str, ...] = ()
+    kept: int | None = KEPT
 
     def read_record(self, folder: Path) -> RunRecord:
         """Read the run record in a folder.
@@ -146,13 +145,11 @@ class RunKind(Generic[P]):
 
     def checkpoints(self, folder: Path) -> Checkpoints[P]:
         """Return an object that saves and loads the checkpoints in a run folder."""
-        name = self.saved_as[0] if self.saved_as else self.unit
-        return Checkpoints(folder, name, self.progress)
+        return Checkpoints(folder, self.unit, self.progress, kept=self.kept)
 
     def has_checkpoints(self, folder: Path) -> bool:
         """Return whether something is saved in a run folder from which the run can go on."""
-        names = self.saved_as or (self.unit,)
-        return any(Checkpoints(folder, name, self.progress).records() for name in names)
+        return bool(self.checkpoints(folder).records())
 
 
 class RunFolder(Generic[P]):
@@ -290,7 +287,7 @@ class RunFolder(Generic[P]):
         unit = self.kind.unit
         last = self.checkpoints.last
         # This process has written none, but one of an earlier process may be there.
-        if isinstance(error, OSError) and last is None:
+        if last is None:
             last = next(iter(self.checkpoints.records()), None)
         if last is None:
             return error

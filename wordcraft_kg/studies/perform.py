@@ -257,8 +257,7 @@ def _scorer(task: Task, root: Path) -> bool:
         train(RecipesTraining, recipes_config, folder, keep=True)
     elif command in LinksConfig.commands:
         config = LinksConfig(graph, scorer_config(command, settings))
-        if train(LinksTraining, config, folder, keep=True).interrupted:
-            return False
+        train(LinksTraining, config, folder, keep=True)
     else:
         # Made in a moment, so a cut attempt is not resumed.
         shutil.rmtree(folder, ignore_errors=True)

@@ -357,15 +357,19 @@ def test_a_lost_game_cannot_be_played_again_because_the_disk_was_full(tmp_path, 
         raise OSError(28, "No space left on device")
 
     path = tmp_path / "games.jsonl"
-    with recorded(path, open_track("craft-1-lite").play()) as ask:
-        with monkeypatch.context() as patch:
+    play = open_track("craft-1-lite").play()
+    with games_writer(path, GamesHeader(player="clients", settings=play.settings)) as keep:
+        client = client_of(GameList({"test": [play]}), keep=keep)
+        with monkeypatch.context() as patch, session(client) as ask:
             patch.setattr("os.fsync", full)
             seen(ask("reset", {"index": 0}))
             assert "was not saved" in ask("step", {"answer": "1 + 1"})["data"]["message"]
             assert "was not saved" in ask("reset", {"index": 0})["data"]["message"]
         assert not read_games(path)[1]
-        seen(ask("reset", {"index": 0}))
-        seen(ask("step", {"answer": "1 + 2"}))
+        # The client has left, and comes again.
+        with session(client) as ask:
+            seen(ask("reset", {"index": 0}))
+            seen(ask("step", {"answer": "1 + 2"}))
     assert [(one.task, len({*one.pairs[-1]})) for one in read_games(path)[1]] == [(0, 1), (0, 2)]
 
 

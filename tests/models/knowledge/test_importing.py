@@ -1,4 +1,4 @@
-"""Importing general graphs: formats, alignment, tables, triples and facts, and damaged files."""
+"""Importing general graphs: formats, alignment, tables and triples, and damaged files."""
 
 import gzip
 import json
@@ -17,7 +17,7 @@ from wordcraft_kg.models.knowledge.knowledge_folder import read_knowledge
 from wordcraft_kg.models.knowledge.network import align, plain
 from wordcraft_kg.models.knowledge.readers import read_conceptnet, read_triples, read_wordnet
 from wordcraft_kg.models.knowledge.score_files import read_scores
-from wordcraft_kg.models.knowledge.surroundings import Surroundings, hops
+from wordcraft_kg.models.knowledge.surroundings import hops, near_triples
 from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers import score_limits
@@ -91,18 +91,19 @@ def table_of(folder, name):
     )
 
 
-def test_wordnet_becomes_tables_triples_and_facts(run, wordnet, opened, tmp_path, monkeypatch):
+def test_wordnet_becomes_tables_and_triples(run, wordnet, opened, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     outcome = run("import-knowledge", "book.csv", "--wordnet", "wordnet", "--out", "wn", "--json")
     values = json.loads(outcome.out)
     assert (outcome.code, values["entities"], values["aligned"], values["nodes"]) == (0, 6, 5, 8)
-    methods = {one["method"]: one["entities"] for one in values["coverage"]}
-    assert methods == {"exact": 4, "lemma": 1, "none": 1}
-    rows = dict(
-        line.split("\t")[:2] for line in (tmp_path / "wn/alignment.tsv").read_text().splitlines()
-    )
+    rows = {
+        line.split("\t")[0]: line.split("\t")[1:3]
+        for line in (tmp_path / "wn/alignment.tsv").read_text().splitlines()
+    }
     # The first sense of dough, not money; breads is the plural of bread.
-    assert (rows["dough"], rows["breads"], rows["zzyzx"]) == ("wn:00000004-n", "wn:00000003-n", "")
+    assert rows["dough"] == ["wn:00000004-n", "exact"]
+    assert rows["breads"] == ["wn:00000003-n", "lemma"]
+    assert rows["zzyzx"] == ["", "none"]
     paths, part = table_of(tmp_path / "wn", "paths"), table_of(tmp_path / "wn", "part")
     # The definition of bread names dough.
     assert paths("dough", "breads") > paths("water", "breads")
@@ -111,10 +112,9 @@ def test_wordnet_becomes_tables_triples_and_facts(run, wordnet, opened, tmp_path
     text = (tmp_path / "wn/triples.tsv").read_text()
     assert "flour\twn:substanceOf\tdough\n" in text
     assert "flour\twn:isA\twn:00000002-n\n" in text
-    assert "flour\tis a\tfood\n" in (tmp_path / "wn/facts.tsv").read_text()
     again = run("import-knowledge", "book.csv", "--wordnet", "wordnet", "--out", "again")
-    assert "aligned by" in again.out
-    for name in ("tables.safetensors", "triples.tsv", "facts.tsv", "alignment.tsv"):
+    assert "5 of 6 labels aligned" in again.out
+    for name in ("tables.safetensors", "triples.tsv", "alignment.tsv"):
         assert (tmp_path / "wn" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
 
 
@@ -179,7 +179,7 @@ def test_held_out_recipes_have_no_influence(wordnet, tmp_path):
         import_knowledge(opened, "wordnet", wordnet, out)
         files = [
             (out / name).read_bytes()
-            for name in ("tables.safetensors", "triples.tsv", "facts.tsv", "alignment.tsv")
+            for name in ("tables.safetensors", "triples.tsv", "alignment.tsv")
         ]
         written.append(files)
     assert written[0] == written[1]
@@ -189,14 +189,11 @@ def test_large_graphs_are_bounded(triples, opened, monkeypatch):
     network = read_triples(triples)
     alignment = align(network, opened.graph.entities)
     monkeypatch.setattr(surroundings, "MOST_TRIPLES", 2)
-    monkeypatch.setattr(surroundings, "MOST_FACTS", 1)
-    around = Surroundings(network, alignment, opened.graph.entities)
     # Edges between entities come first, with the larger weight first.
-    assert [*around.triples()] == [
+    assert near_triples(network, alignment, opened.graph.entities) == [
         ("flour", "other:makes", "dough"),
         ("dough", "other:makes", "breads"),
     ]
-    assert [*around.facts()] == [("dough", "makes", "breads"), ("flour", "makes", "dough")]
 
 
 def test_a_label_like_a_node_and_too_many_entities_are_refused(wordnet, tmp_path, monkeypatch):
@@ -220,22 +217,22 @@ def test_one_source_and_a_new_folder_are_needed(
     assert run("import-knowledge", "book.csv", "--triples", "mine.tsv").code == 0
     again = run("import-knowledge", "book.csv", "--triples", "mine.tsv")
     assert (again.code, again.kind) == (1, "OutputExistsError")
-    assert (tmp_path / "knowledge/book-triples/facts.tsv").is_file()
+    assert (tmp_path / "knowledge/book-triples/triples.tsv").is_file()
 
 
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("bred\tx", "not a label of the graph. Did you mean"),
-        ("bread", "has no tab"),
+        ("bred\tx", "line 1: 'bred' is not a label of the graph.* Did you mean"),
+        ("dough", "before a tab"),
         ("dough\twn:1-n", "wn:1-n"),
-        (None, r"overrides\.tsv is not a file; expected lines with a label"),
+        (None, r"overrides\.tsv is missing"),
     ],
 )
 def test_wrong_overrides_are_refused(wordnet, opened, tmp_path, line, message):
     if line is not None:
         (tmp_path / "overrides.tsv").write_text(line + "\n")
-    with pytest.raises(KnowledgeFileError, match=message):
+    with pytest.raises((KnowledgeFileError, ArtefactError), match=message):
         import_knowledge(
             opened, "wordnet", wordnet, tmp_path / "wn", overrides=tmp_path / "overrides.tsv"
         )
@@ -409,7 +406,7 @@ def test_damaged_or_useless_triples_are_refused(opened, tmp_path, text, message)
         (
             "index.noun",
             lambda text: text[: text.index("wheat")],
-            "index.noun, line 10: no entry for 'wheat'",
+            "index.noun, no entry for 'wheat'",
         ),
         (
             "data.noun",
@@ -458,13 +455,10 @@ def file(tmp_path):
     return write
 
 
-@pytest.fixture(params=["set", "columns"])
-def scorer(request, file):
-    if request.param == "set":
-        lines = [f"{a} + {b},{result},{score}" for a, b, result, score in ROWS]
-        return read_scores(file("set,result,score", *lines), GRAPH)
-    lines = [f"{score},{b},{a},{result}" for a, b, result, score in ROWS]
-    return read_scores(file("score,one,two,result", *lines), GRAPH)
+@pytest.fixture
+def scorer(file):
+    lines = [f"{a} + {b},{result},{score}" for a, b, result, score in ROWS]
+    return read_scores(file("set,result,score", *lines), GRAPH)
 
 
 def test_the_source_is_the_score_of_the_selection_or_of_the_best_partner(scorer):

@@ -9,25 +9,22 @@ import pytest
 import torch
 from hypothesis import given, strategies as st
 from link_helpers import equation_2, n3, random_graph, train
-from pykeen.models import TransD, TransE
 from pykeen.nn.modules import ComplExInteraction
 from pykeen.regularizers import PowerSumRegularizer
 from small_scorers import embeddings
 from torch.nn.functional import cross_entropy
 
-from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links import link_config
 from wordcraft_kg.models.links.builders import (
-    POPULARITY_DIMS,
+    MatmulComplExInteraction,
+    complex_model,
     log_counts,
     make_training_loop,
     with_popularity,
 )
-from wordcraft_kg.models.links.complex import ComplExN3, MatmulComplExInteraction
 from wordcraft_kg.models.links.link_config import (
     FULL_SOFTMAX,
-    N3_PARTIAL,
     NEGATIVES,
     PAPER_DIM,
     ComplExConfig,
@@ -55,10 +52,8 @@ def factory():
     return triples_factory(graph, graph.triples)
 
 
-def tiny_model(factory, **settings):
-    return ComplExN3(
-        triples_factory=factory, embedding_dim=3, init_scale=0.7, random_seed=3, **settings
-    )
+def tiny_model(factory, n3=0.0):
+    return complex_model(factory, ComplExConfig(dim=3, n3=n3, init_scale=0.7, seed=3))
 
 
 def loop_of(model, factory, **options):
@@ -85,9 +80,7 @@ def test_matmul_interaction_equals_pykeens_for_any_broadcastable_shapes(shapes, 
 )
 def test_equation_2_loss_is_both_softmaxes_plus_n3_once(factory, weight, part):
     """Equation 2 loss of a batch is the softmax of both sides plus n3 once."""
-    model = tiny_model(
-        factory, **({"regularizer_kwargs": {"weight": weight}} if weight else {"regularizer": None})
-    )
+    model = tiny_model(factory, weight)
     triples = factory.mapped_triples[part].tolist()
     loss = (
         loop_of(model, factory)
@@ -96,22 +89,6 @@ def test_equation_2_loss_is_both_softmaxes_plus_n3_once(factory, weight, part):
     )
     expected = equation_2(*weights(model), triples) + weight * n3(*weights(model), triples)
     assert loss == pytest.approx(expected, rel=1e-5)
-
-
-def test_label_smoothing_is_passed_on_to_the_cross_entropy(factory):
-    model = tiny_model(factory, regularizer=None)
-    heads, _, tails = factory.mapped_triples.T
-    loss = loop_of(model, factory)._process_batch(
-        (factory.mapped_triples,), 0, len(heads), label_smoothing=0.2
-    )
-    expected = sum(
-        torch.nn.functional.cross_entropy(scores, target, label_smoothing=0.2)
-        for scores, target in (
-            (model.score_t(factory.mapped_triples[:, :2]), tails),
-            (model.score_h(factory.mapped_triples[:, 1:]), heads),
-        )
-    )
-    torch.testing.assert_close(loss, expected)
 
 
 @pytest.mark.parametrize("batch_size", [1, 4, 100])
@@ -127,40 +104,16 @@ def test_an_epoch_visits_every_triple_once_in_an_order_of_its_own(factory, batch
     assert orders.count(orders[0]) < 5
 
 
-@pytest.mark.parametrize(
-    ("kind", "loss", "match"),
-    [(ComplExN3, "nssa", "NSSALoss"), (TransD, "crossentropy", r"TransD.*SymmetricLCWA")],
-)
-def test_the_indexed_loop_refuses_other_losses_and_embeddings(factory, kind, loss, match):
-    """The indexed loop refuses another loss and a model with two embeddings an entity."""
-    with pytest.raises(ConfigError, match=match):
-        loop_of(kind(triples_factory=factory, embedding_dim=3, loss=loss), factory)
-
-
-@pytest.mark.slow
-def test_the_indexed_loop_trains_another_model_of_single_embeddings(factory):
-    model = TransE(triples_factory=factory, embedding_dim=3, loss="crossentropy", random_seed=0)
-    loop = IndexedSymmetricLCWATrainingLoop(
-        model=model, triples_factory=factory, optimizer_kwargs={"lr": 0.1}
-    )
-    losses = loop.train(factory, num_epochs=5, batch_size=8, use_tqdm=False)
-    assert losses[-1] < losses[0]
-
-
-@pytest.mark.parametrize(
-    ("options", "weight"), [({}, N3_PARTIAL), ({"regularizer_kwargs": {"weight": 0.5}}, 0.5)]
-)
-def test_the_defaults_are_the_papers(factory, options, weight):
-    """The defaults are the papers dimension and the n3 norm with any weight."""
-    (entity,) = ComplExN3(triples_factory=factory, **options).entity_representations
+def test_the_regulariser_is_the_papers(factory):
+    (entity,) = complex_model(factory, ComplExConfig(n3=0.5)).entity_representations
     assert (entity().shape, entity().dtype) == ((factory.num_entities, PAPER_DIM), torch.complex64)
     assert isinstance(entity.regularizer, PowerSumRegularizer)
     assert (entity.regularizer.p, entity.regularizer.normalize) == (3.0, False)
-    assert entity.regularizer.weight.item() == pytest.approx(weight)
+    assert entity.regularizer.weight.item() == pytest.approx(0.5)
 
 
 def test_initial_embeddings_have_the_scale_asked_for(factory):
-    model = ComplExN3(triples_factory=factory, embedding_dim=500, init_scale=0.01, random_seed=0)
+    model = complex_model(factory, ComplExConfig(dim=500, init_scale=0.01))
     entity, _ = weights(model)
     assert entity.real.std() == pytest.approx(0.01, rel=0.1)
     assert entity.imag.std() == pytest.approx(0.01, rel=0.1)
@@ -192,7 +145,7 @@ def test_scores_gain_the_weighted_log_counts_of_head_and_tail(weight):
     )  # componentOf is not symmetric
     before = embeddings(graph.num_entities, 4, seed=1)
     after = with_popularity(before, graph.triples, weight)
-    assert after["entity_real"].shape == (graph.num_entities, 4 + POPULARITY_DIMS)
+    assert after["entity_real"].shape == (graph.num_entities, 4 + 6)
     as_head, as_tail = log_counts(graph.triples, graph.num_entities)
     for relation in range(len(RELATIONS)):
         old, new = (
@@ -260,7 +213,7 @@ def test_the_loss_follows_its_formula_with_repeated_entities(scores):
 
 @pytest.fixture
 def loop(factory):
-    model = ComplExN3(triples_factory=factory, embedding_dim=3, init_scale=0.7, random_seed=3)
+    model = tiny_model(factory)
     model.train()
     return SampledSymmetricLCWATrainingLoop(model, factory, num_sampled=4_000)
 
@@ -269,11 +222,6 @@ def test_half_of_the_sample_is_uniform_and_half_follows_the_frequencies(loop, fa
     ends = factory.mapped_triples[:, [0, 2]].flatten().tolist()
     expected = [0.5 / 7 + 0.5 * ends.count(entity) / len(ends) for entity in range(7)]
     np.testing.assert_allclose(loop.probabilities.numpy(), expected, rtol=1e-6)
-
-
-def test_label_smoothing_is_refused(loop, factory):
-    with pytest.raises(ConfigError, match="label smoothing"):
-        loop._process_batch((factory.mapped_triples,), 0, 5, label_smoothing=0.1)
 
 
 def test_a_sparse_gradient_moves_the_rows_of_a_dense_one(factory):
@@ -314,15 +262,11 @@ def test_the_softmax_is_sampled_above_a_size_unless_told_otherwise(size, asked, 
     assert config.for_size(size).for_size(1).negatives == expected
 
 
-def test_a_sampled_objective_chosen_for_size_is_recorded(
-    opened_kitchen, tmp_path, monkeypatch, caplog
-):
-    """A sampled objective that was chosen for the size is said and recorded."""
+def test_a_sampled_objective_chosen_for_size_is_recorded(opened_kitchen, tmp_path, monkeypatch):
     monkeypatch.setattr(link_config, "FULL_SOFTMAX", opened_kitchen.graph.num_entities - 1)
     trained = train(
         opened_kitchen, ComplExConfig(dim=4, epochs=1, n3=0.1, folds=0), tmp_path / "model"
     )
-    assert "samples 512 entities per batch" in caplog.text
     settings = LinksConfig.read(trained.folder).settings
     assert isinstance(settings, ComplExConfig)
     assert settings.negatives == NEGATIVES

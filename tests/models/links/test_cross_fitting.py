@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 from helpers import refuses, resume
-from link_helpers import interrupt_after, rewritten, same_files, train
+from link_helpers import interrupted, rewritten, same_files, train
 
 from wordcraft_kg import (
     ComplExConfig,
@@ -168,38 +168,29 @@ def test_numbers_of_folds_that_cannot_be_are_refused(kind, settings):
 def test_an_interrupted_run_goes_on_with_the_folds_that_are_missing(
     folded, opened_kitchen, tmp_path, epoch, monkeypatch
 ):
-    trained = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(epoch))
-    assert trained.interrupted
-    assert json.loads((trained.folder / "run.json").read_text())["status"] == "interrupted"
+    folder = interrupted(opened_kitchen, SHORT, tmp_path / "model", epoch)
     with pytest.raises(ArtefactError, match="interrupted, not done"):
-        load_scorer(trained.folder)
-    kept = sorted(path.stem for path in (trained.folder / "checkpoints").glob("fold-*.json"))
+        load_scorer(folder)
+    kept = sorted(path.stem for path in (folder / "checkpoints").glob("fold-*.json"))
     assert len(kept) == (epoch - 5) // 4
     again = []
     monkeypatch.setattr(
         cross_fitting, "fit", lambda *arguments: again.append(arguments) or fit(*arguments)
     )
-    assert not resume(trained.folder).interrupted
+    resume(folder)
     assert len(again) == 3 - len(kept)
-    assert same_files(trained.folder, folded)
-    assert not (trained.folder / "checkpoints").exists()
+    assert same_files(folder, folded)
+    assert not (folder / "checkpoints").exists()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("is_damaged", [True, False], ids=["damaged", "of other epochs"])
-def test_a_damaged_fold_or_one_of_other_epochs_is_trained_again(
-    folded, opened_kitchen, tmp_path, caplog, is_damaged
-):
-    folder = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(14)).folder
-    path = folder / "checkpoints" / f"fold-1.{'safetensors' if is_damaged else 'json'}"
-    data = path.read_bytes()
-    path.write_bytes(
-        data[:-1] + b"x" if is_damaged else data.replace(b'"epochs": 4', b'"epochs": 1')
-    )
-    assert path.read_bytes() != data
+def test_a_damaged_fold_is_trained_again(folded, opened_kitchen, tmp_path, caplog):
+    folder = interrupted(opened_kitchen, SHORT, tmp_path / "model", 14)
+    path = folder / "checkpoints" / "fold-1.safetensors"
+    path.write_bytes(path.read_bytes()[:-1] + b"x")
     with caplog.at_level(logging.WARNING):
         resume(folder)
-    assert ("Training fold 1 again" in caplog.text) == is_damaged
+    assert "Training fold 1 again" in caplog.text
     assert same_files(folder, folded)
 
 

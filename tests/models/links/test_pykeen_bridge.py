@@ -1,9 +1,6 @@
 """The guard around PyKEEN's global seeding, and what of PyKEEN's logging it lets through."""
 
-import math
 import random
-import subprocess
-import sys
 from functools import cache
 
 import numpy as np
@@ -18,7 +15,6 @@ from pykeen.triples import TriplesFactory
 from wordcraft_kg import from_pykeen, open_graph, open_model, save_scorer
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.graphs import RELATIONS
-from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.pykeen_bridge import (
     pykeen_guard,
     triples_factory,
@@ -130,84 +126,10 @@ def test_it_becomes_a_model_folder_of_the_same_scores(opened_kitchen, tmp_path):
     torch.testing.assert_close(model.scorer.table(0), scorer.table(0))
 
 
-LOOK_UP = """
-from pykeen.datasets import dataset_resolver
-from pykeen.models import model_resolver
-from pykeen.training import training_loop_resolver
-
-for resolver, name in (
-    (model_resolver, "ComplExN3"),
-    (training_loop_resolver, "IndexedSymmetricLCWA"),
-    (dataset_resolver, "wordcraft"),
-):
-    print(resolver.lookup(name).__name__)
-"""
-
-
 @pytest.fixture(autouse=True)
 def own_pykeen_cache(tmp_path, monkeypatch):
     """Keep PyKEEN's cache of datasets out of the user's home."""
     monkeypatch.setattr("pykeen.datasets.utils.PYKEEN_DATASETS", tmp_path / "pykeen-cache")
-
-
-def settings(graph):
-    """Settings of PyKEEN's pipelines that name our dataset, model and loop."""
-    names = {
-        "dataset": "wordcraft",
-        "model": "ComplExN3",
-        "training_loop": "IndexedSymmetricLCWA",
-        "device": "cpu",
-    }
-    return {
-        **names,
-        "dataset_kwargs": {"graph": str(graph)},
-        "model_kwargs": {"embedding_dim": 4},
-        "training_kwargs": {"num_epochs": 1, "batch_size": 512, "use_tqdm": False},
-        "evaluation_kwargs": {"batch_size": 128, "use_tqdm": False},
-    }
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "first",
-    [
-        "wordcraft_kg.models",
-        "pykeen.models",
-        "wordcraft_kg.models.links.pykeen_bridge",
-        # The evaluation of PyKEEN imports its models while it is half imported itself.
-        "wordcraft_kg.models, pykeen.evaluation",
-    ],
-)
-def test_pykeen_knows_our_names_whichever_module_is_imported_first(first):
-    code = f"import {first}\nimport wordcraft_kg.models\n{LOOK_UP}"
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False
-    )
-    assert (done.stdout.split(), done.stderr) == (
-        ["ComplExN3", "IndexedSymmetricLCWATrainingLoop", "WordCraft"],
-        "",
-    )
-
-
-def test_the_pipeline_trains_our_model_by_name(parted_kitchen, parted_folder):
-    with frozen():
-        result = pipeline(**settings(parted_folder), loss="crossentropy", random_seed=0)
-    assert isinstance(result.model, ComplExN3)
-    assert [math.isfinite(loss) for loss in result.losses] == [True]
-    assert 0 < result.get_metric("mrr") < 1
-    assert result.training.num_triples == len(parted_kitchen.split.partial)
-
-
-def test_the_pipeline_without_a_loss_says_which_to_give():
-    """The pipeline without a loss is an error that says which loss to give."""
-    # PyKEEN's pipeline passes its own default, a margin loss, to every model, whatever the model's default is.
-    with pytest.raises(ConfigError, match=r"(?i)cross.?entropy.*loss=.crossentropy."):
-        pipeline(
-            dataset="wordcraft",
-            model="ComplExN3",
-            training_loop="IndexedSymmetricLCWA",
-            device="cpu",
-        )
 
 
 def test_the_dataset_holds_the_parts_of_the_graphs_split_and_keeps_its_ids(

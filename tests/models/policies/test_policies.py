@@ -17,12 +17,12 @@ from wordcraft_kg.models.policies.networks import (
     FOLD_LIMIT,
     AttentionPolicy,
     MLPPolicy,
-    Slots,
     TableAttention,
     masked_softmax,
+    slot_products,
 )
 from wordcraft_kg.models.policies.pairs import LENGTH, PairPolicy
-from wordcraft_kg.models.policies.policy import EntityVectors, log_policy, mix_logits
+from wordcraft_kg.models.policies.policy import EntityVectors, log_policy, look_up, mix_logits
 from wordcraft_kg.models.policies.states import Attempts, States
 
 SIZE = 7
@@ -427,7 +427,9 @@ def attention_of(dim):
 
 def alpha_of(attention, vectors, goal, selection, table):
     rows = attention.rows({**vectors.weights(), **attention.weights()}, goal, selection)
-    return Slots(vectors.weights().get("vectors"), table).dot(rows)
+    weights = vectors.weights()
+    slot_vectors = look_up(weights["vectors"], table) if weights else None
+    return slot_products(rows, slot_vectors, table)
 
 
 @st.composite

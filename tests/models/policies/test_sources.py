@@ -184,11 +184,7 @@ def test_a_source_is_restored_from_its_constants(name, scale, by_factors, monkey
     assert torch.equal(restored(States(*states())), full(States(*states())))
 
 
-def test_sources_that_do_not_fit_are_refused_before_the_tasks(
-    folded, tmp_path, no_tables, monkeypatch
-):
-    """An agent whose sources do not fit is refused before its tasks are made."""
-    monkeypatch.setattr("wordcraft_kg.agents.agent_training.World", None)
+def test_sources_that_do_not_fit_are_refused_before_a_folder_is_made(folded, tmp_path, no_tables):
     with pytest.raises(ConfigError, match="score table"):
         train_agent(AgentConfig("kitchen", str(folded)), tmp_path / "run")
     assert not (tmp_path / "run").exists()

@@ -26,7 +26,6 @@ from wordcraft_kg.models.recipes import encoder_fitting, fitting, recipe_config,
 from wordcraft_kg.models.recipes.encoder_fitting import EncoderSchedule, fit_encoders
 from wordcraft_kg.models.recipes.fitting import encoders_of, fit_recipe_scorers
 from wordcraft_kg.models.recipes.recipe_config import (
-    ENCODER_FROM,
     ENCODER_UP_TO,
     RecipesConfig,
     RecipeScorerConfig,
@@ -36,7 +35,7 @@ from wordcraft_kg.models.scorers.neighbours.pair_features import OF_ENCODER
 from wordcraft_kg.models.scorers.neighbours.results import results_of
 
 TINY = EncoderSchedule(used=6, hidden=8, made=5, batch=16, sampled=8, epochs=1)
-WITH = RecipeScorerConfig(folds=3, features="one-hot", encoder="on")
+WITH = RecipeScorerConfig(folds=3, features="one-hot")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -44,6 +43,7 @@ def only_compared():
     with short_fits(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(encoder_fitting, "SCHEDULE", TINY)
         patch.setattr(fitting, "RESULTS", fitting.RESULTS._replace(epochs=1, steps=4))
+        patch.setattr(recipe_config, "ENCODER_FROM", 20)
         yield
 
 
@@ -65,7 +65,7 @@ def trained(book, tmp_path_factory):
 def test_an_interrupted_run_continues_to_the_same_bytes(book, trained, done, left, monkeypatch):
     # Six encoders come first: (), (0,), (0, 1), (1,), (2,), (0, 2).
     folder = trained.parent / f"interrupted-{done}"
-    with pytest.raises(KeyboardInterrupt, match=r"fits are saved in .*, and \d pair encoders"):
+    with pytest.raises(KeyboardInterrupt, match=r"part \d is saved in .*Repeat the command"):
         train_recipes(RecipesConfig(str(book), WITH), folder, progress=interrupt_after(done))
     before = contents(folder / "checkpoints")
     needed = recorded(monkeypatch, recipe_training, "fit_encoders")
@@ -173,8 +173,7 @@ def other_book(book, tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_a_large_other_book_gives_all_folds_its_encoder(book, other_book, tmp_path, monkeypatch):
-    monkeypatch.setattr(recipe_config, "ENCODER_FROM", 1)
+def test_a_large_other_book_gives_all_folds_its_encoder(book, other_book, tmp_path):
     settings = RecipeScorerConfig(folds=3, features="one-hot", with_=(str(other_book),))
     scorer = load_scorer(
         train_recipes(RecipesConfig(str(book), settings), tmp_path / "model").folder
@@ -223,32 +222,18 @@ def test_results_of_a_pair_have_probabilities(trained, book):
 @pytest.mark.parametrize(
     ("settings", "expected"),
     [
-        ({}, (False, True)),
-        ({"encoder": "on"}, (True, True)),
-        ({"encoder": "off"}, (False, False)),
-        ({"with_": ("everyday",)}, (False, False)),
-        ({"kg": "none", "with_": ("everyday",)}, (False, False)),
+        ({}, True),
+        ({"with_": ("everyday",)}, False),
+        ({"kg": "none", "with_": ("everyday",)}, False),
     ],
 )
-def test_auto_depends_on_the_number_of_recipes_and_on_outside_knowledge(settings, expected):
+def test_an_encoder_depends_on_the_number_of_recipes_and_on_outside_knowledge(settings, expected):
     config = RecipeScorerConfig(**settings)
-    assert (config.has_encoder(ENCODER_FROM - 1), config.has_encoder(ENCODER_FROM)) == expected
-    # Beyond a million recipes, nine encoders would take hours: only for those who ask.
-    assert config.has_encoder(ENCODER_UP_TO) == expected[1]
-    assert config.has_encoder(ENCODER_UP_TO + 1) == (config.encoder == "on")
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"encoder": "yes"}, "encoder"),
-        ({"encoder": "on", "with_": ("everyday",)}, "auto or off with outside knowledge"),
-        ({"encoder": "on", "kg": "none"}, "auto or off with outside knowledge"),
-    ],
-)
-def test_settings_that_do_not_fit_are_refused(settings, message):
-    with pytest.raises(ConfigError, match=message):
-        RecipeScorerConfig(**settings)
+    assert not config.has_encoder(recipe_config.ENCODER_FROM - 1)
+    assert config.has_encoder(recipe_config.ENCODER_FROM) == expected
+    # Beyond a million recipes, nine encoders would take hours.
+    assert config.has_encoder(ENCODER_UP_TO) == expected
+    assert not config.has_encoder(ENCODER_UP_TO + 1)
 
 
 def test_an_unknown_device_is_refused_before_anything_is_written(book, tmp_path):

@@ -8,7 +8,6 @@ from short_fits import short_fits
 from wordcraft_kg import RecipesConfig, RecipeScorerConfig, load_scorer, train_recipes
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
-from wordcraft_kg.models.recipes import inductive
 from wordcraft_kg.models.recipes.inductive import extended, with_words
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.neighbours.links import OF_COMPONENTS, link_features
@@ -74,32 +73,14 @@ def test_new_entities_leave_the_scores_of_the_others_as_they_are(folder, scorer)
     torch.testing.assert_close(after, before, rtol=1e-3, atol=1e-2 * float(before.std()))
 
 
-def test_without_outside_knowledge_there_is_no_table_of_all_pairs(folder, scorer, monkeypatch):
-    """Of 30,000 entities it would take gigabytes."""
-    monkeypatch.delattr(inductive, "_shares_of_old")
-    assert len(wider(folder, scorer).entities) == len(scorer.entities) + len(NEW)
-
-
-def test_links_by_outside_knowledge_are_means_over_the_nearest_words(
+def test_a_model_with_outside_knowledge_knows_the_graphs_entities_alone(
     opened_kitchen, vectors, put, tmp_path
 ):
     book = put("a,b,result\nbread,tomato,bruschetta\nflour,butter,shortbread\n", "other.csv")
     settings = RecipeScorerConfig(kg="full", folds=2, features=str(vectors), with_=(str(book),))
-    config = RecipesConfig(opened_kitchen.source, settings)
-    folder = train_recipes(config, tmp_path / "model").folder
-    known = load_scorer(folder)
-    more = with_words(folder, known, NEW)
-    size = len(known.entities)
-    words = make_features(str(vectors), more.entities, allow_missing=True).unit_vectors
-    shares = np.eye(size + len(NEW), size)
-    for new in range(size, size + len(NEW)):
-        alike = np.maximum(words[new] @ words[:size].T, 0)
-        alike[np.argsort(-alike)[8:]] = 0
-        shares[new] = alike**4 / (alike**4).sum()
-    for relation in ("combinesWith", "componentOf"):
-        expected = shares @ known.table(relation).double().numpy() @ shares.T
-        assert np.ptp(expected[size:]) > 0
-        np.testing.assert_allclose(more.table(relation).numpy(), expected, rtol=0.01, atol=0.01)
+    folder = train_recipes(RecipesConfig(opened_kitchen.source, settings), tmp_path / "m").folder
+    with pytest.raises(UnknownEntityError, match=r"'naan'.*outside knowledge"):
+        with_words(folder, load_scorer(folder), NEW)
 
 
 def test_an_entity_of_no_recipe_is_scored_in_the_graph_as_out_of_it(opened_kitchen):
@@ -176,15 +157,9 @@ def test_features_that_are_no_words_say_nothing_of_new_ones(opened_kitchen, tmp_
         with_words(trained.folder, load_scorer(trained.folder), ["naan"])
 
 
-def test_labels_that_are_not_new_or_not_labels_are_refused(scorer):
-    vectors = np.zeros((2, DIMENSIONS))
-    for labels in (["naan", "naan"], ["naan", "flour"]):
-        with pytest.raises(ConfigError, match=f"'{labels[1]}'"):
-            extended(scorer, labels, vectors)
+def test_what_is_no_label_is_refused(scorer):
     with pytest.raises(ValueError, match="blank"):
-        extended(scorer, ["naan", " "], vectors)
-    with pytest.raises(ConfigError, match=r"shape \(2, 8\); expected \(1, 8\)"):
-        extended(scorer, ["naan"], vectors)
+        extended(scorer, ["naan", " "], np.zeros((2, DIMENSIONS)))
 
 
 def test_a_model_of_built_in_vectors_places_other_words_by_glove(recipes_folder):

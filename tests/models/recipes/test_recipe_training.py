@@ -25,9 +25,9 @@ from wordcraft_kg.models.recipes import recipe_training
 from wordcraft_kg.models.recipes.committee import (
     TABLES,
     Examples,
-    _Batch,
     _moments,
     _Network,
+    _prepared,
     _set_gradients,
     fit_committee,
 )
@@ -81,7 +81,7 @@ def test_the_same_settings_give_the_same_bytes_with_one_thread_or_two(book, smal
 def test_an_interrupted_run_continues_to_the_same_bytes(book, small, monkeypatch):
     # 3 sets of lists serve the first fit, 2 more the second, 1 more both others.
     folder = small.parent / "interrupted"
-    with pytest.raises(KeyboardInterrupt, match=r"1 of 4 fits are saved.*Repeat the command"):
+    with pytest.raises(KeyboardInterrupt, match=r"part 1 is saved.*Repeat the command"):
         train_recipes(RecipesConfig(str(book), SMALL), folder, progress=interrupt_after(4))
     made = recorded(monkeypatch, recipe_training, "fit_recipe_scorers")
     resume(folder)
@@ -287,7 +287,7 @@ def test_gradients_are_those_of_automatic_differentiation(generator):
     queries = drawn_queries(generator)
     mean, scale = _moments(queries)
     networks = [_Network.drawn(5, generator) for _ in range(2)]
-    _set_gradients(networks, _Batch.of(queries, torch.arange(40), mean, scale))
+    _set_gradients(networks, *_prepared(queries, torch.arange(40), mean, scale))
     for network in networks:
         copy = [weights.clone().requires_grad_() for weights in network]
         loss_of(copy, queries, mean, scale).backward()

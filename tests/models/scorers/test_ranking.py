@@ -11,6 +11,7 @@ import torch
 from hypothesis import given, strategies as st
 from link_helpers import random_graph, slow_clusters, slow_ranks
 from pykeen.evaluation import RankBasedEvaluator
+from pykeen.models import ComplEx
 from small_scorers import table_scorer
 
 from wordcraft_kg.base import ArtefactError, as_values
@@ -18,7 +19,6 @@ from wordcraft_kg.base.statistics import interval
 from wordcraft_kg.graphs.splits import Split, SplitConfig
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples, triple_keys
 from wordcraft_kg.models.links.builders import scorer_tensors
-from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.link_config import ComplExConfig
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.scorers import ranking as link_prediction
@@ -116,7 +116,7 @@ def test_scores_that_are_not_finite_are_an_artefact_error(value):
 def exact_model(opened):
     factory = triples_factory(opened.graph, opened.split.partial)
     model, generator = (
-        ComplExN3(triples_factory=factory, embedding_dim=4, random_seed=0),
+        ComplEx(triples_factory=factory, embedding_dim=4, random_seed=0),
         torch.Generator(),
     )
     with torch.no_grad():  # halves: scores are exact in single precision, with real ties

@@ -247,7 +247,8 @@ class Play(ABC):
         """The world of the tasks; raises ConfigError for open-ended games."""
         if self._world is None:
             raise ConfigError(
-                "open-ended games have neither tasks nor a reward; expected games on tasks."
+                f"the open-ended games of {self.settings.track or self.settings.graph} have "
+                "neither tasks nor a reward; expected games on tasks."
             )
         return self._world
 

@@ -244,14 +244,15 @@ def _termination_of(game: TaskGame) -> TerminationReason:
 
 
 Keep = Callable[[Conversation], None]
-"""Records a finished game; a further call does nothing, or tries again after an OSError."""
+"""Records a finished game; a further call only tries again what an OSError has left."""
 
 
 @contextmanager
 def games_writer(path: Path, header: GamesHeader) -> Iterator[Keep]:
     """Lock a games file, and yield a function that appends a finished game with its messages.
 
-    The function raises OSError if a game cannot be written, such as on a full disk.
+    The function raises OSError if a game cannot be written, such as on a full disk. The game waits
+    for the next call, whoever makes it: its client may have left.
 
     Args:
         path: the file; it is created if it does not exist, and continued if it does.
@@ -262,12 +263,17 @@ def games_writer(path: Path, header: GamesHeader) -> Iterator[Keep]:
         GraphMismatchError: if its games are of another graph or split.
         ConfigError: if its games are of another player or other settings.
     """
+    waiting: list[GameRecord] = []
 
     def keep(talk: Conversation) -> None:
         # Without messages it was recorded before.
         if talk.messages:
-            append_game(path, record_of(talk))
+            waiting.append(record_of(talk))
             talk.messages.clear()
+        # In turn, so that a game that went wrong is never the second of its task: the first counts.
+        while waiting:
+            append_game(path, waiting[0])
+            del waiting[0]
 
     with made_folder(path.parent):
         if not path.exists():

@@ -5,7 +5,7 @@ word vectors, and other books without the recipes that both share, and ``knowled
 and writes a knowledge folder: tables from a language model or from a general graph such as
 WordNet. The other files make such a folder of a general graph, in the order of ``importing``:
 ``readers`` read it into a ``network``, which also finds the node of each label, and
-``surroundings`` makes tables, triples and facts. Recipe scorers use all sources, link predictors
+``surroundings`` makes tables and triples. Recipe scorers use all sources, link predictors
 the triples of folders. The page docs/outside-knowledge.md describes them to users.
 
 A new kind of graph is a reader in ``importing``'s ``READERS``. Constants may change freely, with

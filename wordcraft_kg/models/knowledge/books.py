@@ -9,7 +9,6 @@ already, and a test recipe must not be learned. So a held-out train recipe finds
 in the other book as a test recipe does. The page docs/explanation/leaks.md says what this covers.
 """
 
-import logging
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain, count
@@ -120,14 +119,7 @@ def words_of_books(
         ConfigError: if most labels have no vector, and ``allow_missing`` is False.
     """
     vectors = word_features(features, labels, allow_missing=True)
-    missing = int((~vectors.known).sum())
-    if missing <= MOST_MISSING * len(labels):
-        if missing:
-            logging.getLogger(__name__).info(
-                "%s of %s labels of all books have no word vector.",
-                f"{missing:,}",
-                f"{len(labels):,}",
-            )
+    if (~vectors.known).sum() <= MOST_MISSING * len(labels):
         return vectors
     return word_features(features, labels, allow_missing=allow_missing)
 
@@ -143,8 +135,6 @@ class OutsideSource(Record, frozen=True, kw_only=True):
         recipes: recipes of another book that are used.
         left_out: recipes of another book that are also recipes of this graph, and not used.
         left_out_test: those among them that are test or validation recipes of this split.
-        left_out_without: further recipes of another book that are left out because a book in
-            ``without`` has them.
         reworded: used recipes that reword a test or validation recipe by near-synonyms.
         makes: labels of the graph's entities that a used recipe of another book makes.
     """
@@ -156,7 +146,6 @@ class OutsideSource(Record, frozen=True, kw_only=True):
     recipes: Count = 0
     left_out: Count = 0
     left_out_test: Count = 0
-    left_out_without: Count = 0
     reworded: Count = 0
     makes: tuple[str, ...] = ()
 
@@ -180,7 +169,6 @@ def open_other_book(
     opened: OpenedGraph,
     *,
     keep_train: bool = False,
-    without: Sequence[RecipeGraph] = (),
 ) -> OtherBook:
     """Open another book's recipes without the recipes that both books share.
 
@@ -191,7 +179,6 @@ def open_other_book(
         spec: a book or a graph folder.
         opened: the graph; its split says which shared recipes are test recipes.
         keep_train: keep shared recipes of the train part.
-        without: further books whose recipes are left out.
 
     Raises:
         ConfigError: if the source is no book, is the graph itself, has no other recipes, or memory
@@ -216,16 +203,11 @@ def open_other_book(
     recipes = ordered_recipes(ids[book.recipes])
     held_out = graph.recipes[~opened.split.is_in("train")]
     is_shared = is_in(recipes, held_out if keep_train else graph.recipes, size)
-    left_out = int(is_shared.sum())
-    # A recipe that equals a left-out one once labels are compared is left out, too.
-    for third in without:
-        in_further = book.recipes[shared_recipes(book, third)]
-        is_shared |= is_in(recipes, ordered_recipes(ids[in_further]), size)
     used_recipes = recipes[~is_shared]
     if not len(used_recipes):
         raise ConfigError(
-            f"`with` '{spec}': all {len(recipes):,} recipes are recipes of the graph, or of a book "
-            "in `without`. Give another book."
+            f"`with` '{spec}': all {len(recipes):,} recipes are recipes of the graph. Give another "
+            "book."
         )
     results = np.unique(used_recipes[:, 2])
     source = OutsideSource(
@@ -234,9 +216,8 @@ def open_other_book(
         sha256=book.hash,
         coverage=len(np.unique(ids[~is_new])) / max(graph.num_entities, 1),
         recipes=len(used_recipes),
-        left_out=left_out,
+        left_out=int(is_shared.sum()),
         left_out_test=int(is_in(recipes, held_out, size).sum()),
-        left_out_without=int(is_shared.sum()) - left_out,
         makes=tuple(graph.labels(results[results < graph.num_entities])),
     )
     return OtherBook(labels, used_recipes, source)

@@ -4,7 +4,6 @@ The page docs/outside-knowledge.md describes the command and its files.
 """
 
 import logging
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
@@ -16,20 +15,19 @@ from wordcraft_kg.base import (
     Count,
     KnowledgeFileError,
     Record,
-    Share,
+    nearest,
     read_small_file,
     sha256_of,
     stage,
 )
 from wordcraft_kg.graphs import RELATIONS, OpenedGraph, is_in
 from wordcraft_kg.models.knowledge.knowledge_folder import (
-    FACTS,
     TRIPLES,
     KnowledgeRecord,
     KnowledgeTables,
     write_knowledge,
 )
-from wordcraft_kg.models.knowledge.network import Alignment, Network, align, with_overrides
+from wordcraft_kg.models.knowledge.network import Alignment, Network, align
 from wordcraft_kg.models.knowledge.readers import (
     HEADER,
     read_conceptnet,
@@ -37,8 +35,8 @@ from wordcraft_kg.models.knowledge.readers import (
     read_wordnet,
 )
 from wordcraft_kg.models.knowledge.surroundings import (
-    Surroundings,
     make_tables,
+    near_triples,
     with_descriptions,
 )
 from wordcraft_kg.models.scorers.score_limits import check_table
@@ -59,20 +57,6 @@ _LICENCES = {
 }
 
 
-class Coverage(Record, frozen=True, kw_only=True):
-    """Entities aligned by one method.
-
-    Attributes:
-        method: see :class:`~wordcraft_kg.models.knowledge.network.Alignment`.
-        entities: number of entities.
-        confidence: their mean confidence.
-    """
-
-    method: str
-    entities: Count
-    confidence: Share
-
-
 class ImportedKnowledge(Record, frozen=True, kw_only=True):
     """What was imported.
 
@@ -83,12 +67,10 @@ class ImportedKnowledge(Record, frozen=True, kw_only=True):
         aligned: number of labels with a node.
         held_out: number of triples of held-out recipes in the file; above 0, scores that learn
             from it know test recipes.
-        coverage: labels by method, most first.
         nodes: number of nodes in the imported graph.
         edges: number of edges in the imported graph, with those from definitions.
         tables: names of the tables.
         triples: number of lines in ``triples.tsv`` without the header.
-        facts: number of lines in ``facts.tsv`` without the header.
     """
 
     out: str
@@ -96,12 +78,10 @@ class ImportedKnowledge(Record, frozen=True, kw_only=True):
     entities: Count
     aligned: Count
     held_out: Count
-    coverage: tuple[Coverage, ...]
     nodes: Count
     edges: Count
     tables: tuple[str, ...]
     triples: Count
-    facts: Count
 
 
 def import_knowledge(
@@ -120,7 +100,7 @@ def import_knowledge(
         kind: kind of the imported graph.
         path: WordNet's folder, ConceptNet's assertions, or a file of triples.
         out: the knowledge folder.
-        overrides: file with nodes for some labels, see :func:`read_overrides`; None without.
+        overrides: file with nodes for some labels, see :func:`with_overrides`; None without.
         force: replace the folder.
 
     Raises:
@@ -132,12 +112,13 @@ def import_knowledge(
     entities = opened.graph.entities
     # Checked before the slow steps.
     check_table("knowledge from outside the book", len(entities))
-    overriding = {} if overrides is None else read_overrides(overrides)
     with stage(f"reading {path}"):
         network = READERS[kind](path)
     with stage("aligning labels"):
+        alignment = align(network, entities)
         # What a person says goes before what was found.
-        alignment = with_overrides(align(network, entities), network, entities, overriding)
+        if overrides is not None:
+            alignment = with_overrides(alignment, network, entities, overrides)
         if (alignment.nodes < 0).all():
             raise KnowledgeFileError(
                 f"{path}: none of the {len(entities):,} labels of '{opened.graph.name}', such as "
@@ -148,9 +129,7 @@ def import_knowledge(
             network = with_descriptions(network, alignment, entities)
     with stage("making tables"):
         tables = make_tables(network, alignment)
-        surroundings = Surroundings(network, alignment, entities)
-        triples = list(surroundings.triples())
-        facts = list(surroundings.facts())
+        triples = near_triples(network, alignment, entities)
     held_out = _num_held_out(network, alignment, opened)
     if held_out:
         logging.getLogger(__name__).warning(
@@ -172,16 +151,13 @@ def import_knowledge(
         entities=len(entities),
         aligned=int((alignment.nodes >= 0).sum()),
         held_out=held_out,
-        coverage=coverage_of(alignment),
         nodes=len(network.nodes),
         edges=len(network.edges),
         tables=tuple(info.name for info, _ in tables),
         triples=len(triples),
-        facts=len(facts),
     )
     files = {
         TRIPLES: _table(HEADER, triples),
-        FACTS: _table(("entity", "relation", "entity or class"), facts),
         ALIGNMENT: _table(_COLUMNS, _alignment_rows(network, alignment, entities)),
         "README.md": _card(view, opened, kind),
     }
@@ -204,17 +180,29 @@ def _num_held_out(network: Network, alignment: Alignment, opened: OpenedGraph) -
     return int(is_in(edges[is_aligned], network.edges, len(network.nodes)).sum())
 
 
-def read_overrides(path: Path) -> dict[str, str]:
-    """Read nodes by label from lines as in ``alignment.tsv``, of which two columns count.
+def with_overrides(
+    alignment: Alignment, network: Network, entities: Sequence[str], path: Path
+) -> Alignment:
+    """Replace the nodes of some labels by nodes that the user names.
+
+    Args:
+        alignment: the automatic alignment.
+        network: the graph from outside the book.
+        entities: labels in id order.
+        path: lines as in ``alignment.tsv``, of which two columns count: a label, and a node with or
+            without the network's prefix; without a node, the label is left out.
+
+    Returns:
+        A new alignment, in which a named node has confidence 1.
 
     Raises:
-        KnowledgeFileError: if the file cannot be read, or has a wrong line, which the error names.
+        KnowledgeFileError: for an unknown label or node, or a file that is not UTF-8.
+        ArtefactError: if the file cannot be read.
     """
-    if not path.is_file():
-        raise KnowledgeFileError(
-            f"{path} is not a file; expected lines with a label, a tab and a node."
-        )
-    collected: dict[str, str] = {}
+    nodes = alignment.nodes.copy()
+    confidences = alignment.confidences.copy()
+    methods = list(alignment.methods)
+    numbers = {name: node for node, name in enumerate(network.nodes)}
     try:
         lines = read_small_file(path).decode("utf-8-sig").splitlines()
     except UnicodeDecodeError:
@@ -224,26 +212,23 @@ def read_overrides(path: Path) -> dict[str, str]:
         is_header = number == 1 and label == _COLUMNS[0]
         if is_header or not line.strip():
             continue
-        if not columns or label in collected:
-            fault = "is repeated" if columns else "has no tab"
+        if not columns or label not in entities:
             raise KnowledgeFileError(
-                f"{path}, line {number}: '{label}' {fault}; expected a label, a tab and a node."
+                f"{path}, line {number}: '{label}' is not a label of the graph before a "
+                f"tab.{nearest(label, entities)} Expected lines as in {ALIGNMENT}."
             )
-        collected[label] = columns[0].strip()
-    return collected
-
-
-def coverage_of(alignment: Alignment) -> tuple[Coverage, ...]:
-    """Return numbers of entities and mean confidences by method, most entities first."""
-    methods = np.array(alignment.methods)
-    return tuple(
-        Coverage(
-            method=method,
-            entities=count,
-            confidence=float(alignment.confidences[methods == method].mean()),
-        )
-        for method, count in Counter(alignment.methods).most_common()
-    )
+        name = columns[0].strip()
+        node = numbers.get(name.removeprefix(f"{network.prefix}:"), -1)
+        if name and node < 0:
+            raise KnowledgeFileError(
+                f"{path}, line {number}: {network.source} has no node '{name}'. Expected a node as "
+                f"in the second column of {ALIGNMENT}, or nothing to leave '{label}' out."
+            )
+        entity = entities.index(label)
+        nodes[entity] = node
+        confidences[entity] = float(node >= 0)
+        methods[entity] = "override" if name else "left out"
+    return Alignment(nodes, tuple(methods), confidences)
 
 
 def _alignment_rows(
@@ -277,23 +262,13 @@ def _hashes(path: Path) -> dict[str, str]:
     return {file.name: sha256_of(file) for file in files}
 
 
-def describe(view: ImportedKnowledge) -> list[tuple[str, ...]]:
-    """Return the rows of a table of three columns: labels by method, with their confidence."""
-    rows = [(row.method, f"{row.entities:,}", f"{row.confidence:.2f}") for row in view.coverage]
-    return [("aligned by", "labels", "confidence"), *rows]
-
-
 def _card(view: ImportedKnowledge, opened: OpenedGraph, kind: Kind) -> str:
     """Return the folder's ``README.md``."""
-    header, *lines = describe(view)
-    table = (header, ("---", "---", "---"), *lines)
-    rows = "\n".join(f"| {' | '.join(row)} |" for row in table)
     return (
         f"# Knowledge from {view.source}\n\n"
         f"For graph `{opened.graph.hash[:12]}`: "
         f"{view.aligned:,} of {view.entities:,} labels are aligned with {view.nodes:,} nodes. "
-        f"{view.triples:,} triples, {view.facts:,} facts, tables {', '.join(view.tables)}. "
+        f"{view.triples:,} triples, tables {', '.join(view.tables)}. "
         "No recipe was used.\n\n"
-        f"{rows}\n\n"
         f"{_LICENCES[kind]}\n"
     )

@@ -31,11 +31,6 @@ KNOWLEDGE = "knowledge.json"
 TABLES = "tables.safetensors"
 TRIPLES = "triples.tsv"
 """Optional file of triples for joint training, from general graphs."""
-FACTS = "facts.tsv"
-"""Optional file for explanations, with a header.
-
-Columns: entity, relation phrase such as ``is a``, and entity or class.
-"""
 EXPECTED = "a knowledge folder from elicit or import-knowledge"
 Role = Literal["part", "pair"]
 """Cells of ``part`` are (ingredient, result), of ``pair`` (ingredient, ingredient), symmetric."""
@@ -192,23 +187,20 @@ def knowledge_files(folder: str | Path) -> RunFiles:
     return RunFiles(folder, read_finished_run(folder, EXPECTED, KNOWLEDGE))
 
 
-def read_rows(files: RunFiles, name: str) -> list[list[str]]:
-    """Return the rows of three columns in a file of a knowledge folder, without its header.
-
-    Args:
-        files: the folder's files.
-        name: :data:`TRIPLES` or :data:`FACTS`.
+def read_triples_of(files: RunFiles) -> list[list[str]]:
+    """Return the triples of names in a knowledge folder.
 
     Raises:
         ArtefactError: if the file is missing, has changed, or a line has other columns.
     """
-    text = files.bytes(name).decode(errors="replace").removesuffix("\n")
+    text = files.bytes(TRIPLES).decode(errors="replace").removesuffix("\n")
     # Split at newlines alone: labels may have other line ends.
     _, *lines = text.split("\n")
     rows = [line.split("\t") for line in lines]
     for number, row in enumerate(rows, 2):
         if len(row) != 3:
             raise ArtefactError(
-                f"{files.folder / name}, line {number}: expected 3 columns. Make the folder again."
+                f"{files.folder / TRIPLES}, line {number}: expected 3 columns. Make the folder "
+                "again."
             )
     return rows

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from wordcraft_kg.base import KnowledgeFileError, nearest
 from wordcraft_kg.base.labels import folded
 from wordcraft_kg.graphs.arrays import Ids
 
@@ -198,54 +197,6 @@ def align(network: Network, entities: Sequence[str]) -> Alignment:
             confidences[entity] = METHODS[method] * chance
     methods = tuple(method for method, _ in spelled)
     return Alignment(nodes, methods, confidences)
-
-
-def with_overrides(
-    alignment: Alignment,
-    network: Network,
-    entities: Sequence[str],
-    overrides: Mapping[str, str],
-) -> Alignment:
-    """Replace the nodes of some labels by nodes that the user names.
-
-    Args:
-        alignment: the automatic alignment.
-        network: the graph from outside the book.
-        entities: labels in id order.
-        overrides: names of nodes by label, with or without the network's prefix; empty to leave
-            the label out.
-
-    Returns:
-        A new alignment, in which a named node has confidence 1.
-
-    Raises:
-        KnowledgeFileError: for an unknown label or node.
-    """
-    nodes = alignment.nodes.copy()
-    confidences = alignment.confidences.copy()
-    methods = list(alignment.methods)
-    # A general graph has millions of nodes: no table of them without need.
-    names = network.nodes if overrides else ()
-    numbers = {name: node for node, name in enumerate(names)}
-    for label, name in overrides.items():
-        if label not in entities:
-            raise KnowledgeFileError(
-                f"`overrides` names '{label}', which is not a label of the "
-                f"graph.{nearest(label, entities)} Expected a label as in the first column of "
-                "alignment.tsv."
-            )
-        bare_name = name.removeprefix(f"{network.prefix}:")
-        node = numbers.get(bare_name, -1)
-        if name and node < 0:
-            raise KnowledgeFileError(
-                f"{network.source} has no node '{name}' (for '{label}'). Expected a node as in "
-                "the second column of alignment.tsv, or nothing to leave the label out."
-            )
-        entity = entities.index(label)
-        nodes[entity] = node
-        confidences[entity] = 1.0 if name else 0.0
-        methods[entity] = "override" if name else "left out"
-    return Alignment(nodes, tuple(methods), confidences)
 
 
 def _joined(network: Network, entities: Sequence[str]) -> dict[str, str]:

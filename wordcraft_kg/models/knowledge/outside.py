@@ -21,7 +21,6 @@ from wordcraft_kg.graphs import (
     OUTSIDE,
     Folds,
     OpenedGraph,
-    RecipeGraph,
     TrainSample,
     make_folds,
 )
@@ -40,6 +39,7 @@ from wordcraft_kg.models.knowledge.knowledge_folder import (
     read_knowledge,
 )
 from wordcraft_kg.models.scorers.neighbours.links import CELLS, link_features
+from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
 from wordcraft_kg.models.scorers.score_limits import check_table
 
 _OF_A_BOOK = ("graph", "split", "overrides")
@@ -50,15 +50,17 @@ _Tables = dict[tuple[tuple[str, ...], str, str], Tensor]
 
 
 class LinkTables(NamedTuple):
-    """Features from outside the recipes, tables of shape (E, E).
+    """Features from outside the recipes, the same in all folds: tables of shape (E, E).
 
     Attributes:
         pairs: features of combinesWith links, symmetric.
         parts: features of componentOf links, row = ingredient.
+        encoder: pair encoder of other books, for features of whole recipes; None without.
     """
 
     pairs: Sequence[Tensor] = ()
     parts: Sequence[Tensor] = ()
+    encoder: PairEncoder | None = None
 
 
 NOTHING = LinkTables()
@@ -86,7 +88,6 @@ def open_outside(
     features: str,
     *,
     allow_missing: bool = False,
-    without: Sequence[RecipeGraph] = (),
 ) -> OutsideKnowledge:
     """Open sources of outside knowledge for a graph's entities.
 
@@ -95,7 +96,6 @@ def open_outside(
         opened: the graph; its split says which shared recipes are counted as test recipes.
         features: word vectors by which another book's recipes are compared.
         allow_missing: use zeros for labels without a vector.
-        without: books whose recipes are left out of the books in ``specs``.
 
     Returns:
         features in the order of the sources, those of knowledge folders last.
@@ -113,7 +113,7 @@ def open_outside(
         if not is_book(spec):
             sources.append(_of_folder(spec, opened, folders))
             continue
-        book_alone = open_other_book(spec, opened, without=without)
+        book_alone = open_other_book(spec, opened)
         link_tables, book = _of_book(book_alone, opened, features, allow_missing)
         books.append(book)
         tables["pair"] += link_tables.pairs
@@ -177,8 +177,6 @@ def describe_source(source: OutsideSource) -> str:
             f"({source.left_out_test:,} of them test or validation recipes), "
             f"{source.reworded:,} used recipes reword a test or validation recipe"
         )
-        if source.left_out_without:
-            text += f"; {source.left_out_without:,} recipes of books in `without` left out"
     return text
 
 

@@ -14,7 +14,7 @@ Source: WordNet 3.0 manual, wndb(5).
 import csv
 from array import array
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, NamedTuple, TypeVar
 
@@ -47,6 +47,10 @@ _SYMMETRIC = {b"Antonym", b"DistinctFrom", b"LocatedNear", b"RelatedTo", b"Simil
 _ENGLISH = b"/c/en/"
 
 
+_Edge = tuple[bytes, bytes, bytes, float]
+"""Names of head, relation and tail, and a positive weight."""
+
+
 class _Assertion(msgspec.Struct):
     """The last column of an assertion, JSON with many more keys, which are skipped."""
 
@@ -60,8 +64,11 @@ def read_conceptnet(path: Path) -> Network:
         KnowledgeFileError: if the file cannot be read, has no English assertion, or has a wrong
             line (the error names the line).
     """
+    return _network(path, "ConceptNet", "cn", _assertions(path))
+
+
+def _assertions(path: Path) -> Iterator[_Edge]:
     decode = msgspec.json.Decoder(_Assertion).decode
-    collected = _Collected(path)
     for number, line in _lines(path):
         columns = line.split(b"\t")
         if len(columns) != 5:
@@ -86,8 +93,7 @@ def read_conceptnet(path: Path) -> Network:
             tail, _, _ = end.removeprefix(_ENGLISH).partition(b"/")
             if name in _SYMMETRIC:
                 head, tail = sorted((head, tail))
-            collected.add(head, name, tail, weight)
-    return collected.network("ConceptNet", "cn")
+            yield head, name, tail, weight
 
 
 def read_triples(path: Path) -> Network:
@@ -100,7 +106,12 @@ def read_triples(path: Path) -> Network:
         KnowledgeFileError: if the file cannot be read, has no triple, or has a wrong line (the
             error names the line).
     """
-    collected = _Collected(path)
+    # The name of the file, without .tsv and .gz, is the source's.
+    source, _, _ = path.name.partition(".")
+    return _network(path, source or "triples", "other", _rows(path))
+
+
+def _rows(path: Path) -> Iterator[_Edge]:
     header: list[str] = []
     has_tabs = False
     for number, line in _lines(path):
@@ -127,75 +138,56 @@ def read_triples(path: Path) -> Network:
             shown = line[:80].decode(errors="replace").strip()
             raise _fault(path, number, f"'{shown}'; {EXPECTED}") from None
         head, relation, tail = (by_name[name].encode() for name in HEADER)
-        collected.add(head, relation, tail, weight)
-    # The name of the file, without .tsv and .gz, is the source's.
-    source, _, _ = path.name.partition(".")
-    return collected.network(source or "triples", "other")
+        yield head, relation, tail, weight
 
 
-class _Collected:
-    """Nodes, relations and edges, in the order of the file."""
+def _network(path: Path, source: str, prefix: str, lines: Iterable[_Edge]) -> Network:
+    """Return edges as a network; w, the sum of an edge's weights, becomes log(1 + w).
 
-    def __init__(self, path: Path):
-        self.path = path
-        self.nodes: dict[bytes, int] = {}
-        self.relations: dict[bytes, int] = {}
-        # C numbers of 32 bits, for the memory that the module promises.
-        self.ids = array("i")
-        self.weights = array("f")
+    Args:
+        path: the file, for errors.
+        source: name of the network, for reports and errors.
+        prefix: beginning of the names of nodes and relations, such as ``wn``.
+        lines: an edge of each line; nodes and relations are numbered in this order.
 
-    def add(self, head: bytes, relation: bytes, tail: bytes, weight: float) -> None:
-        """Add an edge; a new name gets the next number.
-
-        Args:
-            head: name of a node.
-            relation: name of a relation.
-            tail: name of a node.
-            weight: positive weight.
-        """
-        nodes = self.nodes
-        head_id = nodes.setdefault(head, len(nodes))
-        relation_id = self.relations.setdefault(relation, len(self.relations))
-        # After the head, which may have become a node just now.
-        tail_id = nodes.setdefault(tail, len(nodes))
-        self.ids.extend((head_id, relation_id, tail_id))
-        self.weights.append(weight)
-
-    def network(self, source: str, prefix: str) -> Network:
-        """Return the edges as a network; w, the sum of an edge's weights, becomes log(1 + w).
-
-        Args:
-            source: name of the network, for reports and errors.
-            prefix: beginning of the names of nodes and relations, such as ``wn``.
-
-        Raises:
-            KnowledgeFileError: if the file has no triple to use, or is not UTF-8.
-        """
-        if not self.ids:
-            raise KnowledgeFileError(
-                f"{self.path} has no triple to use; expected {source}'s triples."
-            )
-        try:
-            nodes = [name.decode() for name in self.nodes]
-            relations = [name.decode() for name in self.relations]
-        except UnicodeDecodeError as error:
-            raise KnowledgeFileError(
-                f"{self.path} is not UTF-8: {error.object[:80]!r}. Save it as UTF-8."
-            ) from None
-        # The names as bytes are no longer needed.
-        self.nodes.clear()
-        # Three numbers for each edge, one after another: head, relation and tail.
-        ids = np.frombuffer(self.ids, np.int32).reshape(-1, 3).astype(np.int64)
-        sums = np.frombuffer(self.weights, np.float32).astype(np.float64)
-        edges, weights = unique_edges(ids, sums, (len(nodes), len(relations)))
-        spellings: dict[str, tuple[int, ...]] = {}
-        for node, name in enumerate(nodes):
-            # ConceptNet's names are folded already, which :func:`plain` would do again for
-            # millions.
-            is_folded = prefix == "cn"
-            text = name.replace("_", " ").replace("'", "") if is_folded else plain(name)
-            spellings[text] = (*spellings.get(text, ()), node)
-        return Network(source, prefix, nodes, relations, edges, np.log1p(weights), spellings)
+    Raises:
+        KnowledgeFileError: if the file has no triple to use, or is not UTF-8.
+    """
+    numbers: dict[bytes, int] = {}
+    relation_numbers: dict[bytes, int] = {}
+    # C numbers of 32 bits, for the memory that the module promises.
+    ids = array("i")
+    sums = array("f")
+    for head, relation, tail, weight in lines:
+        # A new name gets the next number.
+        ids.append(numbers.setdefault(head, len(numbers)))
+        ids.append(relation_numbers.setdefault(relation, len(relation_numbers)))
+        ids.append(numbers.setdefault(tail, len(numbers)))
+        sums.append(weight)
+    if not ids:
+        raise KnowledgeFileError(f"{path} has no triple to use; expected {source}'s triples.")
+    try:
+        nodes = [name.decode() for name in numbers]
+        relations = [name.decode() for name in relation_numbers]
+    except UnicodeDecodeError as error:
+        raise KnowledgeFileError(
+            f"{path} is not UTF-8: {error.object[:80]!r}. Save it as UTF-8."
+        ) from None
+    # The names as bytes are no longer needed.
+    numbers.clear()
+    # Three numbers for each edge, one after another: head, relation and tail.
+    edges, weights = unique_edges(
+        np.frombuffer(ids, np.int32).reshape(-1, 3).astype(np.int64),
+        np.frombuffer(sums, np.float32).astype(np.float64),
+        (len(nodes), len(relations)),
+    )
+    spellings: dict[str, tuple[int, ...]] = {}
+    for node, name in enumerate(nodes):
+        # ConceptNet's names are folded already, which :func:`plain` would do again for millions.
+        is_folded = prefix == "cn"
+        text = name.replace("_", " ").replace("'", "") if is_folded else plain(name)
+        spellings[text] = (*spellings.get(text, ()), node)
+    return Network(source, prefix, nodes, relations, edges, np.log1p(weights), spellings)
 
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
@@ -279,47 +271,36 @@ def read_wordnet(folder: Path) -> Network:
                 f"{folder / name} is not a file; expected a folder with WordNet's database files, "
                 f"{', '.join(NEEDED)} and others (Debian: package wordnet-base)."
             )
-    nodes: dict[_Key, int] = {}
-    synsets: list[_Synset] = []
-    # File and line of each synset, for errors.
-    origins: list[tuple[str, int]] = []
+    synsets: dict[_Key, _Synset] = {}
     for part, letter in _PARTS.items():
-        name = f"data.{part}"
-        for number, synset in _parsed(folder, name, _synset, "a complete synset"):
-            if nodes.setdefault((letter, synset.offset), len(synsets)) < len(synsets):
-                raise _wordnet_fault(folder, name, number, f"synset {synset.offset} is repeated")
-            synsets.append(synset)
-            origins.append((name, number))
-    edges = _edges(folder, nodes, synsets, origins)
+        for synset in _parsed(folder / f"data.{part}", _synset, "a complete synset"):
+            synsets[letter, synset.offset] = synset
+    edges = _edges(folder, synsets)
     # Several lemmas may have one plain spelling, such as x-ray and x_ray.
     spellings = defaultdict[str, dict[int, None]](dict)
-    for lemma, senses in _senses(folder, nodes, synsets).items():
+    for lemma, senses in _senses(folder / "index.noun", synsets).items():
         spellings[plain(lemma)] |= dict.fromkeys(senses)
-    plurals = _parsed(folder, "noun.exc", _exception, "a plural that has a base form")
+    plurals = _parsed(folder / "noun.exc", _exception, "a plural that has a base form")
     return Network(
         source="WordNet",
         prefix="wn",
-        nodes=[f"{offset}-{letter}" for letter, offset in nodes],
+        nodes=[f"{offset}-{letter}" for letter, offset in synsets],
         relations=_RELATIONS,
         edges=edges,
         weights=np.ones(len(edges)),
         spellings={text: list(senses) for text, senses in spellings.items()},
-        exceptions={plural: singulars for _, (plural, singulars) in plurals},
-        lemmas=[synset.lemmas for synset in synsets],
-        glosses=[synset.gloss for synset in synsets],
+        exceptions=dict(plurals),
+        lemmas=[synset.lemmas for synset in synsets.values()],
+        glosses=[synset.gloss for synset in synsets.values()],
     )
 
 
-def _edges(
-    folder: Path,
-    nodes: dict[_Key, int],
-    synsets: Sequence[_Synset],
-    origins: Sequence[tuple[str, int]],
-) -> Ids:
+def _edges(folder: Path, synsets: Mapping[_Key, _Synset]) -> Ids:
     """Return the pointers as edges, each symmetric relation in one direction."""
-    letters = {letter for letter, _ in nodes}
+    letters = {letter for letter, _ in synsets}
+    nodes = {key: node for node, key in enumerate(synsets)}
     rows = []
-    for node, synset in enumerate(synsets):
+    for node, synset in enumerate(synsets.values()):
         for relation, target in synset.pointers:
             letter, offset = target
             if target in nodes:
@@ -328,8 +309,7 @@ def _edges(
                 rows.append((head, relation, tail))
             # Otherwise the folder lacks this part of speech.
             elif letter in letters:
-                problem = f"synset {offset}-{letter} does not exist"
-                raise _wordnet_fault(folder, *origins[node], problem)
+                raise _damage(folder, f"synset {offset}-{letter} does not exist")
     # Without pointers, the reshape makes three columns all the same.
     edges = np.array(rows, dtype=np.int64).reshape(-1, 3)
     # Weights do not matter: equal pointers are one edge of weight 1.
@@ -337,45 +317,34 @@ def _edges(
     return distinct
 
 
-def _senses(
-    folder: Path,
-    nodes: dict[_Key, int],
-    synsets: Sequence[_Synset],
-) -> dict[str, list[int]]:
+def _senses(path: Path, synsets: Mapping[_Key, _Synset]) -> dict[str, list[int]]:
     """Return the noun senses of each lemma (with underscores), most frequent first."""
-    name = "index.noun"
+    node_of = {offset: node for node, (letter, offset) in enumerate(synsets) if letter == "n"}
     senses = {}
-    number = 0
-    for number, (lemma, offsets) in _parsed(folder, name, _entry, "a complete entry"):
+    for lemma, offsets in _parsed(path, _entry, "a complete entry"):
         for offset in offsets:
-            if ("n", offset) not in nodes:
-                problem = f"synset {offset} of '{lemma}' does not exist in data.noun"
-                raise _wordnet_fault(folder, name, number, problem)
-        senses[lemma] = [nodes["n", offset] for offset in offsets]
+            if offset not in node_of:
+                raise _damage(path, f"synset {offset} of '{lemma}' does not exist in data.noun")
+        senses[lemma] = [node_of[offset] for offset in offsets]
     # An index that was cut between two lines would hide nouns without an error.
-    for (letter, offset), node in nodes.items():
-        for lemma in synsets[node].lemmas if letter == "n" else ():
+    for (letter, offset), synset in synsets.items():
+        for lemma in synset.lemmas if letter == "n" else ():
             if lemma.lower().replace(" ", "_") not in senses:
-                problem = f"no entry for '{lemma}' of synset {offset}"
-                raise _wordnet_fault(folder, name, number + 1, problem)
+                raise _damage(path, f"no entry for '{lemma}' of synset {offset}")
     return senses
 
 
 # --- lines --------------------------------------------------------------------------------------
 
 
-def _parsed(
-    folder: Path, name: str, parse: Callable[[str], T], expected: str
-) -> Iterator[tuple[int, T]]:
-    """Yield number and content of each line below the licence, which begins with blanks.
+def _parsed(path: Path, parse: Callable[[str], T], expected: str) -> Iterator[T]:
+    """Yield the content of each line below the licence, which begins with blanks.
 
     Args:
-        folder: WordNet's folder.
-        name: name of the file; a file that does not exist has no lines.
+        path: a file of WordNet's folder; one that does not exist has no lines.
         parse: parses a line, or raises an IndexError or ValueError.
         expected: what a line is, for the error.
     """
-    path = folder / name
     if not path.is_file():
         return
     with path.open(encoding="utf-8", errors="replace") as file:
@@ -383,17 +352,15 @@ def _parsed(
             if line.startswith("  "):
                 continue
             try:
-                content = parse(line)
+                yield parse(line)
             except (IndexError, ValueError):
-                problem = f"'{line.strip()[:60]}' is not {expected}"
-                raise _wordnet_fault(folder, name, number, problem) from None
-            yield number, content
+                problem = f"line {number}: '{line.strip()[:60]}' is not {expected}"
+                raise _damage(path, problem) from None
 
 
-def _wordnet_fault(folder: Path, name: str, line: int, problem: str) -> KnowledgeFileError:
+def _damage(path: Path, problem: str) -> KnowledgeFileError:
     return KnowledgeFileError(
-        f"{folder / name}, line {line}: {problem}. The file is damaged or cut; install WordNet "
-        "again."
+        f"{path}, {problem}. The file is damaged or cut; install WordNet again."
     )
 
 

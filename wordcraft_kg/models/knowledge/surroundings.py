@@ -1,12 +1,11 @@
-"""An aligned graph around the entities: tables over pairs, triples for training, and facts.
+"""An aligned graph around the entities: tables over pairs, and triples for training.
 
 Let S, shape (E, N), hold the confidence of each entity's node, and let A, shape (N, N), hold
 weights of edges from heads to tails. All tables have values from 0 to 1, and 0 on the diagonal:
 pairs of an entity with itself differ from all others, and would stand out for no reason of the
 source.
 
-The page docs/outside-knowledge.md has a row for each table, and says what triples and facts are
-for.
+The page docs/outside-knowledge.md has a row for each table, and says what triples are for.
 """
 
 import operator
@@ -44,136 +43,86 @@ Floats = NDArray[np.float64]
 Table = tuple[TableInfo, Floats]
 MOST_TRIPLES = 200_000
 """Most edges in ``triples.tsv``: first those between entities, then those with large weights."""
-MOST_FACTS = 5
-"""Most facts about an entity."""
-# They explain nothing to a reader, or say what a thing is not.
-_NO_FACTS = ("relatedForm", "antonym", "attribute", "topic", "region", "similar", "pertainsTo")
 _WORD = re.compile(r"[a-z0-9]+")
-_WORD_BREAK = re.compile(r"(?<=[a-z])(?=[A-Z])|[_-]+")
-"""Places between the words of a relation's name: partOf, part_of, part-of."""
 Triple = tuple[str, str, str]
 """Names of head, relation and tail."""
 
 
-class Surroundings:
-    """Edges with an entity's node at an end; from definitions only those of entities."""
+def near_triples(network: Network, alignment: Alignment, entities: Sequence[str]) -> list[Triple]:
+    """Return triples around entities: their labels, and names of other nodes with a prefix.
 
-    def __init__(self, network: Network, alignment: Alignment, entities: Sequence[str]):
-        """Find the edges around entities.
+    They are the edges with an entity's node at an end, from definitions only those of entities. A
+    node with several labels has a triple for each. Other nodes with a single edge are left out,
+    again and again until none remains, as they link no two entities; entities stay. In a network
+    with definitions, an entity has an edge to each of its classes, also to the indirect ones; in
+    another one, the :data:`MOST_TRIPLES` edges with the largest weights are taken, those between
+    entities first.
 
-        Args:
-            network: the graph from outside the book.
-            alignment: the node of each entity.
-            entities: labels in id order.
+    Args:
+        network: the graph from outside the book.
+        alignment: the node of each entity.
+        entities: labels in id order.
 
-        Raises:
-            KnowledgeFileError: if a label looks like the name of a node, so both would be one node
-                in training.
-        """
-        self._network = network
-        # Several labels can have the same node.
-        self._labels = defaultdict[int, list[str]](list)
-        for entity, node in enumerate(alignment.nodes.tolist()):
-            if node >= 0:
-                self._labels[node].append(entities[entity])
-        self._is_entity = np.zeros(len(network.nodes), dtype=bool)
-        self._is_entity[[*self._labels]] = True
-        for label in entities:
-            if label.startswith(f"{network.prefix}:"):
-                raise KnowledgeFileError(
-                    f"the label '{label}' looks like the name of a node. Rename this entity."
-                )
-        heads, relations, tails = network.edges.T
-        starts_at_entity = self._is_entity[heads]
-        # Of definitions only those of entities: each mentions entities, and there are many.
-        is_definition = np.isin(relations, network.ids_of([DESCRIBED_BY]))
-        ends_at_entity = self._is_entity[tails] & ~is_definition
-        is_near = starts_at_entity | ends_at_entity
-        self._edges = network.edges[is_near]
-        self._weights = network.weights[is_near]
-
-    def triples(self) -> Iterator[Triple]:
-        """Yield triples of names: labels of entities, and names of other nodes with a prefix.
-
-        An entity's node with several labels has a triple for each. Other nodes with a single edge
-        are left out, again and again until none remains, as they link no two entities; entities
-        stay. In a network with definitions, an entity has an edge to each of its classes, also to
-        the indirect ones; in another one, the :data:`MOST_TRIPLES` edges with the largest weights
-        are taken, those between entities first.
-        """
-        network = self._network
-        edges = self._edges
-        if network.glosses:
-            # Shape (C, 3), also without any class.
-            classes = np.array(list(self._classes()), dtype=edges.dtype).reshape(-1, 3)
-            with_classes = np.concatenate([edges, classes])
-            edges = np.unique(with_classes, axis=0)
-        else:
-            is_inner = self._is_entity[edges[:, ::2]].all(1)
-            # The last key sorts first.
-            order = np.lexsort((-self._weights, ~is_inner))
-            # Chosen by weight, but in the order of the edges, so that files compare well.
-            rows = np.sort(order[:MOST_TRIPLES])
-            edges = edges[rows]
-        for head, relation, tail in self._without_ends(edges).tolist():
-            name = f"{network.prefix}:{network.relations[relation]}"
-            heads = self._labels.get(head, [network.name_of(head)])
-            tails = self._labels.get(tail, [network.name_of(tail)])
-            for head_name, tail_name in product(heads, tails):
-                yield head_name, name, tail_name
-
-    def facts(self) -> Iterator[Triple]:
-        """Yield at most :data:`MOST_FACTS` facts about each entity.
-
-        Classes come first, then facts with another entity, then facts with large weights.
-        """
-        network = self._network
-        # Relations that explain nothing are left out before all others are put in order.
-        is_fact = ~np.isin(self._edges[:, 1], network.ids_of(_NO_FACTS))
-        edges = self._edges[is_fact]
-        is_class = np.isin(edges[:, 1], network.ids_of(IS_A))
-        is_about_entity = self._is_entity[edges[:, 2]]
+    Raises:
+        KnowledgeFileError: if a label looks like the name of a node, so both would be one node in
+            training.
+    """
+    for label in entities:
+        if label.startswith(f"{network.prefix}:"):
+            raise KnowledgeFileError(
+                f"the label '{label}' looks like the name of a node. Rename this entity."
+            )
+    labels_of = defaultdict[int, list[str]](list)
+    for label, node in zip(entities, alignment.nodes.tolist(), strict=True):
+        if node >= 0:
+            labels_of[node].append(label)
+    is_entity = np.zeros(len(network.nodes), dtype=bool)
+    is_entity[[*labels_of]] = True
+    heads, relations, tails = network.edges.T
+    # Of definitions only those of entities: each mentions entities, and there are many.
+    is_definition = np.isin(relations, network.ids_of([DESCRIBED_BY]))
+    is_near = is_entity[heads] | (is_entity[tails] & ~is_definition)
+    edges = network.edges[is_near]
+    if network.glosses:
+        edges = np.unique(np.concatenate([edges, _classes(network, list(labels_of))]), axis=0)
+    else:
+        is_inner = is_entity[edges[:, ::2]].all(1)
         # The last key sorts first.
-        order = np.lexsort((-self._weights[is_fact], ~is_about_entity, ~is_class))
-        facts = defaultdict[int, list[tuple[str, str]]](list)
-        for head, relation, tail in edges[order].tolist():
-            name = network.lemmas[tail][0] if network.lemmas else network.nodes[tail]
-            phrase = _phrase(network.relations[relation])
-            facts[head] += [(phrase, label) for label in self._labels.get(tail, [name])]
-        for node, labels in self._labels.items():
-            for label, (phrase, object_label) in product(labels, facts[node][:MOST_FACTS]):
-                yield label, phrase, object_label
-
-    def _classes(self) -> Iterator[tuple[int, int, int]]:
-        """Yield an edge from each entity's node to each direct or indirect class."""
-        import networkx as nx
-
-        (relation,) = self._network.ids_of(IS_A)
-        edges = self._network.edges
-        classes = nx.DiGraph(edges[edges[:, 1] == relation][:, ::2].tolist())
-        classes.add_nodes_from(self._labels)
-        for node in self._labels:
-            for ancestor in nx.descendants(classes, node):
-                yield node, relation, ancestor
-
-    def _without_ends(self, edges: Ids) -> Ids:
-        """Leave out nodes with a single edge, until none is left; entities stay."""
-        while True:
-            ends = edges[:, ::2]
-            degrees = np.bincount(ends.ravel(), minlength=len(self._is_entity))
-            stays = self._is_entity | (degrees > 1)
-            is_kept = stays[ends].all(1)
-            if is_kept.all():
-                return edges
-            edges = edges[is_kept]
+        order = np.lexsort((-network.weights[is_near], ~is_inner))
+        # Chosen by weight, but in the order of the edges, so that files compare well.
+        edges = edges[np.sort(order[:MOST_TRIPLES])]
+    triples = []
+    for head, relation, tail in _without_ends(edges, is_entity).tolist():
+        name = f"{network.prefix}:{network.relations[relation]}"
+        head_names = labels_of.get(head, [network.name_of(head)])
+        tail_names = labels_of.get(tail, [network.name_of(tail)])
+        triples += list(product(head_names, [name], tail_names))
+    return triples
 
 
-def _phrase(relation: str) -> str:
-    """Return a relation's name in words with a verb, such as ``is part of`` for partOf."""
-    words = _WORD_BREAK.sub(" ", relation).lower().strip()
-    # "makes dough" has a verb, "part of dough" none.
-    has_verb = re.match(r"\w*[^s]s\b", words)
-    return words if has_verb else f"is {words}"
+def _classes(network: Network, nodes: Sequence[int]) -> Ids:
+    """Return an edge from each of some nodes to each direct or indirect class, shape (C, 3)."""
+    import networkx as nx
+
+    (relation,) = network.ids_of(IS_A)
+    is_class = network.edges[:, 1] == relation
+    classes = nx.DiGraph(network.edges[is_class][:, ::2].tolist())
+    classes.add_nodes_from(nodes)
+    edges = [(node, relation, above) for node in nodes for above in nx.descendants(classes, node)]
+    # Without any class, the reshape makes three columns all the same.
+    return np.array(edges, dtype=np.int64).reshape(-1, 3)
+
+
+def _without_ends(edges: Ids, is_entity: NDArray[np.bool_]) -> Ids:
+    """Leave out nodes with a single edge, until none is left; entities stay."""
+    while True:
+        ends = edges[:, ::2]
+        degrees = np.bincount(ends.ravel(), minlength=len(is_entity))
+        stays = is_entity | (degrees > 1)
+        is_kept = stays[ends].all(1)
+        if is_kept.all():
+            return edges
+        edges = edges[is_kept]
 
 
 # --- tables ---------------------------------------------------------------------------------------

@@ -1,12 +1,11 @@
 """Train link predictors (models that score triples) with PyKEEN, into model folders.
 
-Read ``link_config`` first (all settings), then ``link_training`` (a run from begin to model
-folder), ``fitting`` (epochs, validation, checkpoints), ``builders`` (from settings to a PyKEEN
-model, and from the model to scorer tensors) and ``link_records`` (the folder's files). ``complex``
-and ``symmetric_lcwa`` are model and objective of the WordCraft paper (Jiang et al. 2020).
-``link_training`` also trains the models of folds, ``fitting`` chooses weights on small and on large
-books. ``pykeen_bridge`` reads triples from outside the book, guards PyKEEN's global generators, and
-makes scorers from models of PyKEEN's pipeline. PyKEEN is used in this package and
+Read ``link_config`` first (all settings), then ``link_training`` (a run from begin to model folder,
+with the models of folds), ``fitting`` (epochs, checkpoints, choice of weights), ``builders`` (from
+settings to a PyKEEN model, and from the model to scorer tensors) and ``link_records`` (the folder's
+files). ``complex_model`` and ``symmetric_lcwa`` are model and objective of the WordCraft paper
+(Jiang et al. 2020). ``pykeen_bridge`` reads triples from outside the book, guards PyKEEN's global
+generators, and makes scorers from models of PyKEEN's pipeline. PyKEEN is used in this package and
 in ``wordcraft_kg/pykeen_dataset.py``, and nowhere else.
 
 Add a kind of model freely: its settings in ``link_config``, branches in ``builders``. Changes

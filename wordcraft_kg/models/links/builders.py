@@ -6,21 +6,28 @@ embeddings learn little more. As dimensions, the counts need no other kind of sc
 
 A new kind of link predictor is a class of settings in ``link_config.py`` and branches here.
 
-The page docs/link-prediction.md says which models there are, under *Train*.
+PyKEEN's interaction of ComplEx contracts head, relation and tail from left to right, which builds a
+(batch, entities, dim) tensor when heads are scored. Here the two known factors are multiplied
+first, so all candidates of a batch cost one product of (B, 2 d) and (2 d, E) real matrices, for
+heads and for tails; B queries, d complex dimensions, E entities.
+
+The page docs/link-prediction.md says which models there are, under *Train*, and
+docs/evidence/links.md#complex measures ComplEx.
 """
 
 from typing import Any
 
 import numpy as np
 import torch
-from pykeen.losses import loss_resolver
+from pykeen.losses import CrossEntropyLoss, loss_resolver
 from pykeen.models import DistMult, ERModel, Model, model_resolver
+from pykeen.nn.modules import ComplExInteraction
+from pykeen.regularizers import PowerSumRegularizer
 from pykeen.training import TrainingLoop, training_loop_resolver
 from pykeen.triples import TriplesFactory
 
 from wordcraft_kg.base import ConfigError, nearest, refuse
 from wordcraft_kg.graphs import RELATIONS, Ids
-from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.link_config import (
     ComplExConfig,
     LinkModelConfig,
@@ -31,7 +38,7 @@ from wordcraft_kg.models.links.symmetric_lcwa import (
     IndexedSymmetricLCWATrainingLoop,
     SampledSymmetricLCWATrainingLoop,
 )
-from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
+from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer, real_dot
 from wordcraft_kg.models.scorers.score_limits import TABLE_LIMIT, has_table, table_bytes
 
 
@@ -62,7 +69,7 @@ def check_table_fits(model: str, num_entities: int) -> None:
     Raises:
         ConfigError: if PyKEEN has no such model, or its table would be too large.
     """
-    needs_table = not issubclass(model_class(model), (ComplExN3, DistMult))
+    needs_table = not issubclass(model_class(model), DistMult)
     if needs_table and not has_table(num_entities):
         raise ConfigError(
             f"`model` {model!r} needs a score table, {table_bytes(num_entities) / 2**30:,.1f} GiB "
@@ -71,29 +78,14 @@ def check_table_fits(model: str, num_entities: int) -> None:
         )
 
 
-def scorer_kind(config: LinkSettings, num_entities: int) -> str:
-    """Return the scorer kind that a model becomes: ``complex`` (embeddings) or ``table`` (scores).
-
-    Any model but ComplEx is stored as the table of its scores where that fits the limit. In a
-    larger book only DistMult passes the check: it is ComplEx without imaginary parts.
-
-    Raises:
-        ConfigError: as :func:`check_table_fits`.
-    """
-    if isinstance(config, ComplExConfig):
-        return ComplExScorer.kind
-    check_table_fits(config.model, num_entities)
-    return TableScorer.kind if has_table(num_entities) else ComplExScorer.kind
-
-
 def scorer_tensors(
     config: LinkSettings, model: Model, triples: Ids, num_entities: int | None = None
 ) -> tuple[str, dict[str, torch.Tensor]]:
     """Return the kind and tensors of the scorer that a trained model becomes.
 
     ComplEx becomes its embeddings, popularity included; any other model becomes a table of all
-    triples' scores, beside the model's own parameters. If the table would be too large, DistMult
-    becomes embeddings too.
+    triples' scores, beside the model's own parameters, where that fits the limit. In a larger book
+    only DistMult passes the check: it is ComplEx without imaginary parts.
 
     Args:
         config: settings of the model.
@@ -104,16 +96,17 @@ def scorer_tensors(
     Raises:
         ConfigError: as :func:`check_table_fits`.
     """
-    kind = scorer_kind(config, model.num_entities)
-    if kind == TableScorer.kind:
-        tensors = {
-            "scores": all_scores(model, torch.arange(model.num_entities), range(len(RELATIONS)))
-        }
-        for name, value in model.state_dict().items():
-            tensors[f"pykeen.{name}"] = value.cpu()
-        return kind, tensors
-    popularity = getattr(config, "popularity", None) or 0.0
-    return kind, with_popularity(_embeddings(model, num_entities), triples, popularity)
+    if isinstance(config, ComplExConfig):
+        embeddings = _embeddings(model, num_entities)
+        return ComplExScorer.kind, with_popularity(embeddings, triples, config.popularity or 0.0)
+    check_table_fits(config.model, model.num_entities)
+    if not has_table(model.num_entities):
+        return ComplExScorer.kind, _embeddings(model, num_entities)
+    entities = torch.arange(model.num_entities)
+    tensors = {"scores": all_scores(model, entities, range(len(RELATIONS)))}
+    for name, value in model.state_dict().items():
+        tensors[f"pykeen.{name}"] = value.cpu()
+    return TableScorer.kind, tensors
 
 
 def _complex_loop(
@@ -121,14 +114,7 @@ def _complex_loop(
 ) -> TrainingLoop:
     # A model that is built without a training has no chosen weights.
     config = config.fixed()
-    model = ComplExN3(
-        triples_factory=factory,
-        embedding_dim=config.dim,
-        init_scale=config.init_scale,
-        regularizer="powersum" if config.n3 else None,
-        regularizer_kwargs={"weight": config.n3} if config.n3 else None,
-        random_seed=config.seed,
-    ).to(config.device)
+    model = complex_model(factory, config).to(config.device)
     settings: dict[str, Any] = {
         "triples_factory": factory,
         # Without PyKEEN's search for batches that fit into memory: it takes time, and results must
@@ -224,9 +210,6 @@ def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLo
 
 # --- popularity -----------------------------------------------------------------------------------
 
-POPULARITY_DIMS = 3 * len(RELATIONS)
-"""Number of complex dimensions for popularity, over all relations."""
-
 
 def log_counts(triples: Ids, num_entities: int) -> tuple[torch.Tensor, torch.Tensor]:
     """Count entities as heads and as tails.
@@ -299,3 +282,77 @@ def with_popularity(
         "relation_imag": more_of_relations.imag,
     }
     return {name: torch.cat([embeddings[name], part], dim=1) for name, part in dims.items()}
+
+
+# --- ComplEx --------------------------------------------------------------------------------------
+
+
+class MatmulComplExInteraction(ComplExInteraction):
+    """ComplEx score function for PyKEEN that scores many candidates by one real matrix product."""
+
+    def forward(self, h: torch.Tensor, r: torch.Tensor, t: torch.Tensor) -> torch.Tensor:
+        """Score triples, ``Re<h, r, conj(t)>``, the real part of the sum over dimensions.
+
+        Args:
+            h: shape: ``(*batch, d)``, complex. Head embeddings.
+            r: shape: ``(*batch, d)``, complex. Relation embeddings.
+            t: shape: ``(*batch, d)``, complex. Tail embeddings.
+
+        Returns:
+            shape: ``batch``, float. The batch dimensions broadcast. If heads or tails have shape
+            (1, N, d) and the others (B, 1, d), the (B, N) scores cost one real matrix product.
+        """
+        if _is_all(t) and _is_one(h) and _is_one(r):
+            return real_dot((h * r).squeeze(dim=1), t.squeeze(dim=0))
+        # Re(h r conj(t)) = Re((conj(r) t) conj(h)): the number and its conjugate have equal real
+        # parts.
+        if _is_all(h) and _is_one(r) and _is_one(t):
+            return real_dot((r.conj() * t).squeeze(dim=1), h.squeeze(dim=0))
+        # Two factors first again: the plain formula avoids PyKEEN's search for an einsum path.
+        products = h * r * t.conj()
+        return torch.real(products).sum(dim=-1)
+
+
+def _is_all(x: torch.Tensor) -> bool:
+    """Return whether a tensor holds candidates, the same for all queries: shape (1, N, d)."""
+    return x.ndim == 3 and x.shape[0] == 1
+
+
+def _is_one(x: torch.Tensor) -> bool:
+    """Return whether a tensor has a single row for each query: shape (B, 1, d)."""
+    return x.ndim == 3 and x.shape[1] == 1
+
+
+def complex_model(factory: TriplesFactory, config: ComplExConfig) -> ERModel:
+    """Return ComplEx with cross entropy and the N3 regulariser (sum of cubed moduli).
+
+    Entities and relations have complex embeddings, shapes (E, d) and (R, d); the regulariser of a
+    batch is ``n3 * mean_b Σ_d (|h|³ + |r|³ + |t|³)``. From PyKEEN's standard normal, the model does
+    not learn: initial embeddings are smaller.
+
+    Args:
+        factory: training triples.
+        config: dimensions, scale of the initial embeddings, weight of N3 and seed.
+
+    Source: Trouillon et al. 2016 (model), Lacroix et al. 2018 (objective), Jiang et al. 2020
+    (dimension).
+    """
+    embedding = {
+        "shape": config.dim,
+        "dtype": torch.cfloat,
+        "initializer": "normal",
+        "initializer_kwargs": {"std": config.init_scale},
+    }
+    if config.n3:
+        # The power sum without a root: cubed moduli, summed over dimensions.
+        weights = {"weight": config.n3, "p": 3.0, "normalize": False}
+        embedding |= {"regularizer": PowerSumRegularizer, "regularizer_kwargs": weights}
+    return ERModel(
+        triples_factory=factory,
+        interaction=MatmulComplExInteraction,
+        entity_representations_kwargs=embedding,
+        relation_representations_kwargs=embedding,
+        # The mean over the batch, so that the learning rate does not depend on its size.
+        loss=CrossEntropyLoss(reduction="mean"),
+        random_seed=config.seed,
+    )

@@ -14,7 +14,6 @@ The page docs/link-prediction.md describes trainings under *Train*, and
 docs/evidence/links.md#complex measures the choice.
 """
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import count, product
@@ -33,64 +32,66 @@ from wordcraft_kg.base.tensors import copied, with_prefix
 from wordcraft_kg.graphs import Ids, OpenedGraph, RecipeGraph, Split, SplitConfig, make_split
 from wordcraft_kg.models.links.builders import make_training_loop, scorer_tensors
 from wordcraft_kg.models.links.link_config import N3_PARTIAL, ComplExConfig, LinkSettings
-from wordcraft_kg.models.links.link_records import Candidate, Choice, LinkProgress, TraceRow
+from wordcraft_kg.models.links.link_records import Candidate, Choice, LinkProgress
 from wordcraft_kg.models.links.pykeen_bridge import (
     OutsideTriples,
     pykeen_guard,
-    quiet_pykeen,
     seed_everything,
     triples_factory,
 )
-from wordcraft_kg.models.scorers.baselines import FrequencyScorer
-from wordcraft_kg.models.scorers.ranking import (
-    MIN_TRIPLES,
-    mean_reciprocal_rank,
-    rank_triples,
-    sampled,
-    sampled_for,
-)
-from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, sampled
 from wordcraft_kg.models.scorers.scorer_folder import make_scorer
 from wordcraft_kg.runs.checkpoints import Checkpoint
-from wordcraft_kg.runs.run_folder import Progress, RunFolder
-from wordcraft_kg.runs.trackers import Log
 
 
 def train_epochs(
     loop: TrainingLoop,
     factory: TriplesFactory,
     settings: LinkSettings,
-    callback: TrainingCallback,
-    *,
-    is_resumed: bool = False,
+    after_epoch: Callable[[int, float], None],
 ) -> None:
-    """Train to the last epoch, or until the callback stops the loop.
+    """Train from the loop's epoch to the last one, or until the loop is told to stop.
 
     Args:
-        loop: PyKEEN's loop with the model.
+        loop: PyKEEN's loop with the model and, in a resumed run, its optimiser.
         factory: training triples.
         settings: model and training settings.
-        callback: called by PyKEEN after each epoch.
-        is_resumed: go on after the loop's epoch, with the loop's optimiser.
+        after_epoch: called with the number and the loss of each epoch; may raise to end the
+            training.
 
     Raises:
         TrainingError: if the loss is not finite.
     """
+    # Building a model may draw any number of values; each epoch begins by its number.
+    seed_everything(settings.seed, loop._epoch + 1)
     try:
         loop.train(
             factory,
             num_epochs=settings.epochs,
             batch_size=settings.batch_size,
-            continue_training=is_resumed,
+            continue_training=loop._epoch > 0,
             use_tqdm=False,
             use_tqdm_batch=False,
             pin_memory=torch.device(settings.device).type == "cuda",
-            callbacks=callback,
+            callbacks=_Epochs(settings.seed, after_epoch),
         )
     except NonFiniteLossError:
         raise TrainingError(
             "the loss became infinite or not a number. Train with a lower `learning_rate`."
         ) from None
+
+
+class _Epochs(TrainingCallback):
+    """PyKEEN callback that seeds the next epoch."""
+
+    def __init__(self, seed: int, after_epoch: Callable[[int, float], None]):
+        super().__init__()
+        self.seed = seed
+        self.after_epoch = after_epoch
+
+    def post_epoch(self, epoch: int, epoch_loss: float, **kwargs: Any) -> None:
+        self.after_epoch(epoch, epoch_loss)
+        seed_everything(self.seed, epoch + 1)
 
 
 def fit(
@@ -111,135 +112,40 @@ def fit(
         ConfigError: if PyKEEN cannot build the model.
         TrainingError: if the loss is not finite.
     """
-    with pykeen_guard(settings.seed, settings.threads), quiet_pykeen():
+    with pykeen_guard(settings.seed, settings.threads):
         loop = make_training_loop(settings, factory, num_entities)
-        # Building a model may draw any number of values; epoch 1 begins as in a run.
-        seed_everything(settings.seed, 1)
-        train_epochs(loop, factory, settings, _Epochs(settings.seed, after_epoch))
+        train_epochs(loop, factory, settings, lambda epoch, loss: after_epoch(epoch))
     loop.model.eval()
     return loop.model
 
 
-class _Epochs(TrainingCallback):
-    """PyKEEN callback for a training without folder: seeds the next epoch."""
-
-    def __init__(self, seed: int, after_epoch: Callable[[int], None]):
-        super().__init__()
-        self.seed = seed
-        self.after_epoch = after_epoch
-
-    def post_epoch(self, epoch: int, epoch_loss: float, **kwargs: Any) -> None:
-        self.after_epoch(epoch)
-        seed_everything(self.seed, epoch + 1)
+# --- checkpoints ----------------------------------------------------------------------------------
 
 
-class Epochs(TrainingCallback):
-    """PyKEEN callback for a training in a run folder: validates, logs, saves and stops.
+def checkpoint_tensors(loop: TrainingLoop) -> dict[str, Tensor]:
+    """Return a checkpoint's tensors: the model's and the optimiser's."""
+    tensors = {f"model.{name}": value for name, value in loop.model.state_dict().items()}
+    for index, values in loop.optimizer.state_dict()["state"].items():
+        for key, value in values.items():
+            tensors[f"optimizer.{index}.{key}"] = torch.as_tensor(value)
+    return copied(tensors)
 
-    Attributes:
-        trace: metrics of each epoch so far.
+
+def restore(loop: TrainingLoop, checkpoint: Checkpoint[LinkProgress]) -> None:
+    """Load a checkpoint into a new loop.
+
+    Raises:
+        ValueError, KeyError, RuntimeError: if tensors or trace do not fit the model and its epochs.
     """
-
-    def __init__(
-        self,
-        run: RunFolder[LinkProgress],
-        opened: OpenedGraph,
-        triples: Ids,
-        settings: LinkSettings,
-        progress: Progress | None,
-        log: Log,
-    ):
-        """Start before the first epoch.
-
-        Args:
-            run: run folder for checkpoints; its interruption ends the training after the epoch.
-            opened: graph, and split with validation triples.
-            triples: the graph's training triples, ids of shape (T, 3).
-            settings: model and training settings.
-            progress: called with epoch, total and metrics; None for no reports.
-            log: writes an epoch's metrics to ``metrics.jsonl`` and trackers.
-        """
-        super().__init__()
-        self.run = run
-        self.opened = opened
-        self.triples = triples
-        self.settings = settings
-        self.report = progress
-        self.log = log
-        self.trace: list[TraceRow] = []
-        self._valid = self._known = triples[:0]
-        if settings.eval_every:
-            split = opened.split
-            self._valid = sampled_for(opened.graph, split.held_out("valid"))
-            # Without test links: settings may be chosen by these ranks.
-            self._known = np.concatenate([split.partial, split.triples_of("valid")])
-        self._clock = time.perf_counter()
-
-    def post_epoch(self, epoch: int, epoch_loss: float, **kwargs: Any) -> None:
-        """Validate, save, log and report after an epoch, if due; stop after an interruption."""
-        settings = self.settings
-        is_end = epoch == settings.epochs
-        valid_mrr = None
-        if settings.eval_every and (is_end or epoch % settings.eval_every == 0):
-            valid_mrr = self._validate()
-        # The epoch's time includes its validation, but not checkpoints and trackers.
-        seconds = round(time.perf_counter() - self._clock, 4)
-        metrics = {"loss": epoch_loss, "valid_mrr": valid_mrr, "seconds": seconds}
-        self.trace.append(
-            TraceRow(epoch=epoch, loss=epoch_loss, valid_mrr=valid_mrr, seconds=seconds)
-        )
-        is_last = self.run.interrupted.is_set() or is_end
-        if is_last or epoch % settings.checkpoint_every == 0:
-            progress = LinkProgress(trace=tuple(self.trace))
-            self.run.checkpoints.save(epoch, self._tensors(), progress)
-        self.log(epoch, metrics)
-        if self.report:
-            figures = {name: value for name, value in metrics.items() if value is not None}
-            # Epochs of the main model and of each fold's model.
-            total = settings.epochs * (1 + (settings.folds or 0))
-            self.report(epoch, total, {"epoch": epoch, **figures})
-        if is_last:
-            # PyKEEN offers callbacks no public way to stop a loop.
-            self.training_loop._should_stop = True
-        seed_everything(settings.seed, epoch + 1)
-        self._clock = time.perf_counter()
-
-    def restore(self, loop: TrainingLoop, checkpoint: Checkpoint[LinkProgress]) -> None:
-        """Load a checkpoint into a new loop.
-
-        Raises:
-            ValueError, KeyError, RuntimeError: if tensors or trace do not fit the model and its
-                epochs.
-        """
-        trace = checkpoint.progress.trace
-        epochs = [row.epoch for row in trace]
-        if epochs != list(range(1, checkpoint.number + 1)):
-            raise ValueError("trace and epochs differ")
-        loop.model.load_state_dict(with_prefix(checkpoint.tensors, "model."))
-        state = _optimizer_state(checkpoint.tensors, loop.optimizer.param_groups[0]["params"])
-        # The new optimiser keeps its settings; the checkpoint holds only its tensors.
-        loop.optimizer.load_state_dict({**loop.optimizer.state_dict(), "state": state})
-        loop._epoch = checkpoint.number
-        loop.losses_per_epochs = [row.loss for row in trace]
-        self.trace = list(trace)
-
-    def _validate(self) -> float:
-        """Return the MRR of the validation triples, filtered by train and validation triples."""
-        self.model.eval()
-        graph = self.opened.graph
-        tensors = scorer_tensors(self.settings, self.model, self.triples, graph.num_entities)
-        scorer = make_scorer(*tensors, graph.entities, graph.hash)
-        ranks = rank_triples(scorer, self._valid, self._known)
-        self.model.train()
-        return mean_reciprocal_rank(ranks)
-
-    def _tensors(self) -> dict[str, Tensor]:
-        """Return a checkpoint's tensors: the model's and the optimiser's."""
-        tensors = {f"model.{name}": value for name, value in self.model.state_dict().items()}
-        for index, values in self.optimizer.state_dict()["state"].items():
-            for key, value in values.items():
-                tensors[f"optimizer.{index}.{key}"] = torch.as_tensor(value)
-        return copied(tensors)
+    trace = checkpoint.progress.trace
+    epochs = [row.epoch for row in trace]
+    if epochs != list(range(1, checkpoint.number + 1)):
+        raise ValueError("trace and epochs differ")
+    loop.model.load_state_dict(with_prefix(checkpoint.tensors, "model."))
+    state = _optimizer_state(checkpoint.tensors, loop.optimizer.param_groups[0]["params"])
+    # The new optimiser keeps its settings; the checkpoint holds only its tensors.
+    loop.optimizer.load_state_dict({**loop.optimizer.state_dict(), "state": state})
+    loop._epoch = checkpoint.number
 
 
 def _optimizer_state(
@@ -259,6 +165,8 @@ def _optimizer_state(
         raise ValueError("a part of the optimiser's state is missing")
     return state
 
+
+# --- choice of the regularisation -----------------------------------------------------------------
 
 SMALL = 2_000
 """Largest number of train recipes in a small book; larger books use the fixed default."""
@@ -332,39 +240,31 @@ def choose(
     epochs = max(round(SHARE_OF_EPOCHS * settings.epochs), 1)
     total = len(weights) * len(folds) * epochs
     epoch_number = count(1)
-    # By N3 weight, and by popularity with the frequency rule last.
-    sums = np.zeros((len(weights), len(POPULARITY) + 1))
+    # By N3 weight and popularity.
+    sums = np.zeros((len(weights), len(POPULARITY)))
     for row, n3 in zip(sums, weights, strict=True):
         # Without popularity: it changes scores only, so one training serves all weights.
-        short = replace(settings, n3=n3, popularity=0.0, epochs=epochs, eval_every=0)
+        short = replace(settings, n3=n3, popularity=0.0, epochs=epochs)
         for fold in folds:
             row += _reciprocal_ranks(
                 fold, short, outside, lambda _: after_epoch(next(epoch_number), total)
             )
-    means = sums / queries
-    mrrs = means[:, :-1].ravel().tolist()
+    mrrs = (sums / queries).ravel().tolist()
     candidates = [
         Candidate(n3=n3, popularity=popularity, mrr=mrr)
         for (n3, popularity), mrr in zip(product(weights, POPULARITY), mrrs, strict=True)
     ]
-    best = _best(candidates)
+    # Most popularity first; the MRR decides between N3 weights.
+    threshold = (1 - CAUTION) * max(mrrs)
+    good = [candidate for candidate in candidates if candidate.mrr >= threshold]
+    best = max(good, key=lambda candidate: (candidate.popularity, candidate.mrr))
     return Choice(
         n3=best.n3,
         popularity=best.popularity,
         mrr=best.mrr,
-        frequency_mrr=float(means[0, -1]),
         candidates=tuple(candidates),
-        folds=len(folds),
-        epochs=epochs,
         queries=queries,
     )
-
-
-def _best(candidates: list[Candidate]) -> Candidate:
-    # Most popularity first; the MRR decides between N3 weights.
-    threshold = (1 - CAUTION) * max(candidate.mrr for candidate in candidates)
-    good = [candidate for candidate in candidates if candidate.mrr >= threshold]
-    return max(good, key=lambda candidate: (candidate.popularity, candidate.mrr))
 
 
 def _folds(split: Split, recipes: Ids, seed: int, number: int) -> Iterator[Split]:
@@ -393,8 +293,7 @@ def _reciprocal_ranks(
     """Train on a fold and rank what it holds out.
 
     Returns:
-        shape (P + 1,): sums of reciprocal ranks for the P weights in :data:`POPULARITY`, and for
-        counts alone.
+        shape (P,): sums of reciprocal ranks for the P weights in :data:`POPULARITY`.
     """
     graph = fold.graph
     trained_on = fold.partial
@@ -403,17 +302,14 @@ def _reciprocal_ranks(
         settings, triples_factory(graph, trained_on, outside), after_epoch, graph.num_entities
     )
 
-    def sum_of(scorer: Scorer) -> float:
-        ranks = rank_triples(scorer, queries, graph.triples)
-        return float((1 / ranks["rank"]).sum())
-
     sums = []
     # One scorer after the other: each has a copy of all embeddings.
     for weight in POPULARITY:
         popular = replace(settings, popularity=weight)
         tensors = scorer_tensors(popular, model, trained_on, graph.num_entities)
-        sums.append(sum_of(make_scorer(*tensors, graph.entities, graph.hash)))
-    sums.append(sum_of(FrequencyScorer(graph, trained_on)))
+        scorer = make_scorer(*tensors, graph.entities, graph.hash)
+        ranks = rank_triples(scorer, queries, graph.triples)
+        sums.append(float((1 / ranks["rank"]).sum()))
     return np.array(sums)
 
 

@@ -52,7 +52,6 @@ class TrainingConfig:
         label_noise: fraction of these recipes with the result replaced by another recipe's result.
         epochs: passes over the triples.
         batch_size: triples per step.
-        eval_every: epochs between validations on the validation triples; 0 never validates.
         checkpoint_every: epochs between checkpoints.
         folds: number of folds for cross-fitting: for each fold, another model is trained on all
             other train recipes, so that agents learn from out-of-sample scores; 0 disables
@@ -73,7 +72,6 @@ class TrainingConfig:
     label_noise: float = 0.0
     epochs: int = 50
     batch_size: int = 512
-    eval_every: int = 0
     checkpoint_every: int = 10
     folds: int | None = None
     seed: int = 0
@@ -89,7 +87,6 @@ class TrainingConfig:
             "checkpoint_every": (1, None),
             "batch_size": (1, MAX_SIZE),
             "threads": (1, MAX_THREADS),
-            "eval_every": (0, None),
             "seed": (0, MAX_SEED),
         }
         for name, (low, high) in limits.items():
@@ -102,10 +99,6 @@ class TrainingConfig:
             raise ConfigError(
                 f"`folds` {self.folds} needs `kg` partial: models trained on all recipes have no "
                 "out-of-sample scores."
-            )
-        if self.kg == "full" and self.eval_every:
-            raise ConfigError(
-                "`eval_every` needs `kg` partial: the full graph contains the validation triples."
             )
 
     def for_size(self, num_entities: int) -> Self:

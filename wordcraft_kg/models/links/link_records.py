@@ -16,14 +16,11 @@ class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
     Attributes:
         epoch: number of the epoch, from 1.
         loss: mean loss over the epoch's batches.
-        valid_mrr: filtered MRR on the validation triples; None if they were not ranked after this
-            epoch.
-        seconds: duration with validation, without checkpoints and trackers.
+        seconds: duration without checkpoints and trackers.
     """
 
     epoch: int
     loss: float
-    valid_mrr: float | None = None
     seconds: float
 
 
@@ -41,42 +38,22 @@ class Candidate(Record, frozen=True, kw_only=True):
     mrr: Share
 
 
-class Choice(Record, frozen=True, kw_only=True):
+class Choice(Candidate, frozen=True, kw_only=True):
     """Content of ``choice.json``: the regularisation chosen on held-out train recipes.
 
     Attributes:
-        n3: chosen N3 weight.
-        popularity: chosen weight of the training counts of entities in the scores.
-        mrr: MRR on the held-out triples with these weights.
-        frequency_mrr: MRR on the same triples with the frequency rule, which ranks entities by
-            training counts.
         candidates: all candidates, also those not chosen.
-        folds: number of random samples of held-out recipes.
-        epochs: epochs per training.
         queries: number of held-out queries over all folds.
     """
 
-    n3: float
-    popularity: float
-    mrr: Share
-    frequency_mrr: Share
     candidates: tuple[Candidate, ...]
-    folds: Count
-    epochs: Count
     queries: Count
-
-    @property
-    def beats_counting(self) -> bool:
-        """Whether any candidate has a higher MRR than a ranking of entities by training counts."""
-        return max(candidate.mrr for candidate in self.candidates) > self.frequency_mrr
 
     def __str__(self) -> str:
         """Return the chosen weights and the metrics in a line."""
-        without = max(candidate.mrr for candidate in self.candidates if not candidate.popularity)
         return (
             f"n3 {self.n3:g}, popularity {self.popularity:g}: MRR {self.mrr:.3f} on "
-            f"{self.queries:,} held-out train queries in {counted(self.folds, 'fold')} (frequency "
-            f"rule {self.frequency_mrr:.3f}, without popularity {without:.3f})"
+            f"{self.queries:,} held-out train queries"
         )
 
 
@@ -114,14 +91,10 @@ class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
         label_noise: fraction of these recipes with a wrong result.
         triples: number of the graph's training triples.
         epochs: number of finished epochs.
-        best_epoch: best epoch by validation MRR; None if nothing was validated.
         seconds: duration of all epochs.
-        seconds_per_epoch: mean duration of an epoch.
         parameters: number of the model's parameters, as PyKEEN stores them.
         loss: last epoch's loss.
-        valid_mrr: validation MRR in the best epoch; None if nothing was validated.
         train_mrr: filtered MRR on the training triples, or a sample: memory, not prediction.
-        train_mrr_triples: number of triples ranked for ``train_mrr``.
         outside: numbers of triples from outside the book; None without.
         choice: chosen regularisation; None if the weights were given or fixed.
         folds: number of cross-fitting folds, 0 without.
@@ -135,14 +108,10 @@ class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
     label_noise: float = 0.0
     triples: int
     epochs: int
-    best_epoch: int | None
     seconds: float
-    seconds_per_epoch: float
     parameters: int
     loss: float
-    valid_mrr: float | None
     train_mrr: float
-    train_mrr_triples: int
     outside: OutsideSummary | None = None
     choice: Choice | None = None
     folds: Count = 0
@@ -155,11 +124,9 @@ class FoldDone(Record, frozen=True, kw_only=True):
 
     Attributes:
         trained_on: hash of the model's training triples.
-        epochs: number of epochs that the model was trained for.
     """
 
     trained_on: Hash
-    epochs: Count
 
 
 class LinkProgress(Record, frozen=True, kw_only=True):

@@ -7,14 +7,14 @@ The page docs/link-prediction.md describes the commands under *Train*.
 """
 
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-import msgspec
 import torch
-from pykeen.models import Model
+from pykeen.training import TrainingLoop
 
 from wordcraft_kg.base import (
     ConfigError,
@@ -31,7 +31,6 @@ from wordcraft_kg.graphs import (
     Ids,
     OpenedGraph,
     RecipeGraph,
-    TrainSample,
     describe_train_sample,
     draw_train_sample,
     is_subsample,
@@ -41,10 +40,15 @@ from wordcraft_kg.graphs import (
 from wordcraft_kg.models.links.builders import (
     check_table_fits,
     make_training_loop,
-    scorer_kind,
     scorer_tensors,
 )
-from wordcraft_kg.models.links.fitting import Epochs, choose, fit, train_epochs
+from wordcraft_kg.models.links.fitting import (
+    checkpoint_tensors,
+    choose,
+    fit,
+    restore,
+    train_epochs,
+)
 from wordcraft_kg.models.links.link_config import (
     FOLDS,
     ComplExConfig,
@@ -57,7 +61,6 @@ from wordcraft_kg.models.links.link_records import (
     FoldDone,
     LinkMetrics,
     LinkProgress,
-    OutsideSummary,
     TraceRow,
     training_facts,
 )
@@ -65,14 +68,11 @@ from wordcraft_kg.models.links.pykeen_bridge import (
     OutsideTriples,
     outside_hashes,
     pykeen_guard,
-    quiet_pykeen,
     read_outside,
-    seed_everything,
     triples_factory,
 )
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 from wordcraft_kg.models.scorers.score_limits import TABLE_LIMIT, table_bytes
-from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.scorer_folder import (
     FOLD_OUTPUTS,
     make_scorer,
@@ -88,9 +88,6 @@ from wordcraft_kg.runs.training import Training, train
 LONG = 10.0
 """Shortest training, in seconds, with parallel folds: a process takes seconds to start."""
 
-AfterEpoch = Callable[[int], None]
-"""Called with the number of finished epochs; may raise to end the training."""
-
 
 def decided_folds(settings: LinkSettings, opened: OpenedGraph) -> LinkSettings:
     """Return the settings with a number of folds.
@@ -103,8 +100,7 @@ def decided_folds(settings: LinkSettings, opened: OpenedGraph) -> LinkSettings:
     """
     num_folds = settings.folds
     count = FOLDS if num_folds is None else num_folds
-    has_no_test_part = opened.split.config.kind == "none"
-    if settings.kg == "full" or not count or (num_folds is None and has_no_test_part):
+    if settings.kg == "full" or not count:
         return replace(settings, folds=0)
     try:
         make_folds(opened.split, count)
@@ -135,7 +131,7 @@ class _Job:
     triples: Ids
     outside: OutsideTriples | None
 
-    def train(self, after_epoch: AfterEpoch) -> None:
+    def train(self, after_epoch: Callable[[int], None]) -> None:
         """Train the model, and keep its tensors among the run's checkpoints."""
         size = self.graph.num_entities
         factory = triples_factory(self.graph, self.triples, self.outside)
@@ -150,7 +146,7 @@ class _Job:
     @property
     def done(self) -> FoldDone:
         """The record of a finished model; a model with another record is trained again."""
-        return FoldDone(trained_on=triples_hash(self.triples), epochs=self.settings.epochs)
+        return FoldDone(trained_on=triples_hash(self.triples))
 
 
 def fold_models(folder: Path) -> Checkpoints[FoldDone]:
@@ -170,19 +166,11 @@ class TrainedLinks:
 
     Attributes:
         folder: the model folder.
-        epoch: the last trained epoch; if interrupted, a checkpoint holds it.
-        metrics: content of ``metrics.json``; None if interrupted, and then the same call resumes
-            the run.
+        metrics: content of ``metrics.json``.
     """
 
     folder: Path
-    epoch: int
-    metrics: LinkMetrics | None
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether Ctrl-C ended the run."""
-        return self.metrics is None
+    metrics: LinkMetrics
 
 
 def train_links(
@@ -213,6 +201,7 @@ def train_links(
             another process trains in the folder.
         TrainingError: if the loss is not finite, or a process of a fold dies.
         RecipeFileError: if there is no such graph, or a book cannot be read.
+        KeyboardInterrupt: after Ctrl-C; the same call resumes the run.
 
     Example:
         >>> config = LinksConfig("kitchen", ComplExConfig(dim=8, epochs=2))
@@ -250,7 +239,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             num_nodes += self.outside.summary.nodes
         # Decided now and stored with the run: a default that changes later must not change a
         # resumed training.
-        settings = decided_folds(_for_size(config.settings, num_nodes), opened)
+        settings = decided_folds(config.settings.for_size(num_nodes), opened)
         super().__init__(replace(config, settings=settings), opened)
         _check_fit(opened, settings, num_nodes)
         folds = make_folds(opened.split, settings.folds) if settings.folds else None
@@ -320,70 +309,103 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         checkpoint: Checkpoint[Any] | None,
     ) -> TrainedLinks:
         settings = self.config.settings
-        files = RunFiles(run.path, run.record)
-        choice = files.record(CHOICE, Choice) if CHOICE in run.record.inputs else None
-        factory = triples_factory(self.opened.graph, self.train_sample.triples, self.outside)
-        with pykeen_guard(settings.seed, settings.threads), quiet_pykeen():
-            loop = make_training_loop(settings, factory, self.opened.graph.num_entities)
-            epochs = Epochs(
-                run,
-                self.opened,
-                self.train_sample.triples,
-                settings,
-                report,
-                log,
-            )
+        graph = self.opened.graph
+        triples = self.train_sample.triples
+        factory = triples_factory(graph, triples, self.outside)
+        trace: list[TraceRow] = []
+        with pykeen_guard(settings.seed, settings.threads):
+            loop = make_training_loop(settings, factory, graph.num_entities)
             if checkpoint is not None:
                 with run.restoring():
-                    epochs.restore(loop, checkpoint)
+                    restore(loop, checkpoint)
+                trace += checkpoint.progress.trace
                 run.resume(self.config)
             # A run that was killed after its last epoch has nothing left to train.
             if loop._epoch < settings.epochs:
-                seed_everything(settings.seed, loop._epoch + 1)
-                train_epochs(loop, factory, settings, epochs, is_resumed=checkpoint is not None)
-            # Epochs are left: the user has interrupted the run.
+                after_epoch = self._after_epoch(run, loop, trace, report, log)
+                train_epochs(loop, factory, settings, after_epoch)
             if loop._epoch < settings.epochs:
-                run.interrupt()
-                return TrainedLinks(run.path, loop._epoch, None)
-            scorer, metrics = _write_results(
-                run.path,
-                loop.model,
-                self.train_sample,
-                settings,
-                epochs.trace,
-                choice,
-                self.outside.summary if self.outside else None,
-            )
-        outputs: tuple[str, ...] = OUTPUTS
+                raise KeyboardInterrupt
+            loop.model.eval()
+            kind, tensors = scorer_tensors(settings, loop.model, triples, graph.num_entities)
+            write_scorer(run.path, kind, tensors, graph)
+            write_atomically(run.path / "trace.jsonl", as_lines(trace))
+            scorer = make_scorer(kind, tensors, graph.entities, graph.hash)
+            # Ranking all training triples of a large graph would take longer than an epoch.
+            ranks = rank_triples(scorer, sampled_for(graph, triples), triples)
+        record = None
         if self.folds:
             # Finished folds stay among the checkpoints, so the same command trains the missing
             # ones.
-            try:
-                self._train_folds(run, self.folds, metrics.seconds, report)
-            except KeyboardInterrupt:
-                # Raised by something else than this run's Ctrl-C.
-                if not run.interrupted.is_set():
-                    raise
-                run.interrupt()
-                return TrainedLinks(run.path, metrics.epochs, None)
+            self._train_folds(run, self.folds, sum(row.seconds for row in trace), report)
             models = fold_models(run.path)
 
             def part(fold: int) -> tuple[str, dict[str, torch.Tensor]]:
                 model = models.read(fold)
                 return model.progress.trained_on, model.tensors
 
-            kind = scorer_kind(settings, self.opened.graph.num_entities)
             record = write_folds(run.path, self.folds, scorer, kind, part)
-            metrics = msgspec.structs.replace(
-                metrics,
-                folds=record.count,
-                fold_mrr=record.mrr,
-                fold_in_sample_mrr=record.in_sample_mrr,
-            )
-            outputs += FOLD_OUTPUTS
+        files = RunFiles(run.path, run.record)
+        metrics = LinkMetrics(
+            kg=settings.kg,
+            train_fraction=settings.train_fraction,
+            label_noise=settings.label_noise,
+            triples=len(triples),
+            epochs=len(trace),
+            seconds=round(sum(row.seconds for row in trace), 3),
+            parameters=sum(parameter.numel() for parameter in loop.model.parameters()),
+            loss=trace[-1].loss,
+            train_mrr=mean_reciprocal_rank(ranks),
+            outside=self.outside.summary if self.outside else None,
+            choice=files.record(CHOICE, Choice) if CHOICE in run.record.inputs else None,
+            folds=record.count if record else 0,
+            fold_mrr=record.mrr if record else None,
+            fold_in_sample_mrr=record.in_sample_mrr if record else None,
+        )
         write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
+        outputs = (*OUTPUTS, *(FOLD_OUTPUTS if record else ()))
         run.finish(outputs, _model_card(self.opened, settings, metrics))
-        return TrainedLinks(run.path, metrics.epochs, metrics)
+        return TrainedLinks(run.path, metrics)
+
+    def _after_epoch(
+        self,
+        run: RunFolder[LinkProgress],
+        loop: TrainingLoop,
+        trace: list[TraceRow],
+        report: Progress | None,
+        log: Log,
+    ) -> Callable[[int, float], None]:
+        """Return a function that logs, saves and reports an epoch, and stops after Ctrl-C.
+
+        Args:
+            run: the run's folder.
+            loop: PyKEEN's loop.
+            trace: metrics of the epochs so far; each epoch adds a row.
+            report: called with epoch, total and metrics; None for no reports.
+            log: writes an epoch's metrics to ``metrics.jsonl`` and trackers.
+        """
+        settings = self.config.settings
+        began = time.perf_counter()
+
+        def after_epoch(epoch: int, loss: float) -> None:
+            nonlocal began
+            seconds = round(time.perf_counter() - began, 4)
+            trace.append(TraceRow(epoch=epoch, loss=loss, seconds=seconds))
+            is_last = run.interrupted.is_set() or epoch == settings.epochs
+            if is_last or epoch % settings.checkpoint_every == 0:
+                progress = LinkProgress(trace=tuple(trace))
+                run.checkpoints.save(epoch, checkpoint_tensors(loop), progress)
+            log(epoch, {"loss": loss, "seconds": seconds})
+            if report:
+                # Epochs of the main model and of each fold's model.
+                total = settings.epochs * (1 + (settings.folds or 0))
+                report(epoch, total, {"epoch": epoch, "loss": loss, "seconds": seconds})
+            # PyKEEN offers callbacks no public way to stop a loop.
+            loop._should_stop = is_last
+            # Without checkpoints and trackers.
+            began = time.perf_counter()
+
+        return after_epoch
 
     def _train_folds(
         self, run: RunFolder[LinkProgress], folds: Folds, seconds: float, report: Progress | None
@@ -401,8 +423,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             TrainingError: if a loss is not finite, or a process dies.
             KeyboardInterrupt: after Ctrl-C.
         """
-        # The number of epochs is decided; validation triples belong to the main model.
-        settings = replace(self.config.settings, eval_every=0, folds=0)
+        settings = replace(self.config.settings, folds=0)
         jobs = [
             _Job(run.path, fold, settings, self.opened.graph, folds.triples([fold]), self.outside)
             for fold in range(folds.count)
@@ -412,18 +433,16 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         waiting = not_done(jobs, fold_models(run.path))
         epochs = {job.fold: settings.epochs for job in jobs}
         epochs.update({job.fold: 0 for job in waiting})
-        reported = set[int]()
 
         def note(fold: int | None = None, epoch: int = 0) -> None:
             if run.interrupted.is_set():
                 raise KeyboardInterrupt
             # Without a fold, only to let the user interrupt the training.
-            if fold is not None:
-                epochs[fold] = epoch
-            num_epochs = sum(epochs.values())
-            # Called while no epoch ends, too; each number is reported once.
-            if report and num_epochs not in reported:
-                reported.add(num_epochs)
+            if fold is None:
+                return
+            epochs[fold] = epoch
+            if report:
+                num_epochs = sum(epochs.values())
                 total = settings.epochs * (1 + folds.count)
                 figures: dict[str, float] = {
                     "fold": min(1 + num_epochs // settings.epochs, folds.count),
@@ -437,21 +456,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
 
     @classmethod
     def outcome(cls, files: RunFiles) -> TrainedLinks:  # noqa: D102 - inherited
-        metrics = files.record("metrics.json", LinkMetrics)
-        return TrainedLinks(files.folder, metrics.epochs, metrics)
-
-
-def _for_size(settings: LinkSettings, num_nodes: int) -> LinkSettings:
-    """Decide the defaults that depend on the number of nodes; warn of another objective."""
-    decided = settings.for_size(num_nodes)
-    if isinstance(decided, ComplExConfig) and decided != settings and decided.negatives:
-        nodes = "entities and outside nodes" if decided.with_ else "entities"
-        logging.getLogger(__name__).warning(
-            f"{num_nodes:,} {nodes}: the softmax samples {decided.negatives:,} entities per "
-            "batch, because the full softmax would take too long (negatives = 0 for the full "
-            "softmax)."
-        )
-    return decided
+        return TrainedLinks(files.folder, files.record("metrics.json", LinkMetrics))
 
 
 def _check_fit(opened: OpenedGraph, settings: LinkSettings, num_nodes: int) -> None:
@@ -462,11 +467,6 @@ def _check_fit(opened: OpenedGraph, settings: LinkSettings, num_nodes: int) -> N
         raise ConfigError(
             "the graph has no test part and therefore no partial graph. Use `kg` full, or build "
             "the graph with another split, such as by-recipe."
-        )
-    if settings.eval_every and not len(opened.split.held_out("valid")):
-        raise ConfigError(
-            "`eval_every` needs validation triples, and the split has no validation part. Build "
-            "the graph with such a part, for example `train_ratio` 0.8 and `valid_ratio` 0.1."
         )
     check_device(settings.device)
     # Memory: models may need more. 4 bytes a number; complex dimensions have two.
@@ -480,49 +480,6 @@ def _check_fit(opened: OpenedGraph, settings: LinkSettings, num_nodes: int) -> N
         num_bytes = 4 * settings.dim * settings.negatives * triples
         purpose = f"the negatives' vectors for {triples:,} triples"
         check_memory("negatives", settings.negatives, purpose, num_bytes)
-
-
-def _write_results(
-    folder: Path,
-    model: Model,
-    train_sample: TrainSample,
-    settings: LinkSettings,
-    trace: Sequence[TraceRow],
-    choice: Choice | None,
-    outside: OutsideSummary | None,
-) -> tuple[Scorer, LinkMetrics]:
-    """Write a trained model's scorer and its metrics per epoch; return scorer and metrics."""
-    model.eval()
-    graph = train_sample.graph
-    triples = train_sample.triples
-    kind, tensors = scorer_tensors(settings, model, triples, graph.num_entities)
-    # Ranking all training triples of a large graph would take longer than an epoch.
-    sample = sampled_for(graph, triples)
-    scorer = make_scorer(kind, tensors, graph.entities, graph.hash)
-    # Of equal validations the first is the best.
-    validated = [row for row in trace if row.valid_mrr is not None]
-    best = max(validated, key=lambda row: row.valid_mrr or 0.0, default=None)
-    seconds = sum(row.seconds for row in trace)
-    metrics = LinkMetrics(
-        kg=settings.kg,
-        train_fraction=settings.train_fraction,
-        label_noise=settings.label_noise,
-        triples=len(triples),
-        epochs=len(trace),
-        best_epoch=best.epoch if best else None,
-        seconds=round(seconds, 3),
-        seconds_per_epoch=round(seconds / len(trace), 4),
-        parameters=sum(parameter.numel() for parameter in model.parameters()),
-        loss=trace[-1].loss,
-        valid_mrr=best.valid_mrr if best else None,
-        train_mrr=mean_reciprocal_rank(rank_triples(scorer, sample, triples)),
-        train_mrr_triples=len(sample),
-        outside=outside,
-        choice=choice,
-    )
-    write_scorer(folder, kind, tensors, graph)
-    write_atomically(folder / "trace.jsonl", as_lines(trace))
-    return scorer, metrics
 
 
 def _model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetrics) -> str:

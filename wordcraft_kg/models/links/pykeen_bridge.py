@@ -26,7 +26,7 @@ from pykeen.triples import TriplesFactory
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs import RELATIONS, Ids, OpenedGraph, RecipeGraph, frozen
-from wordcraft_kg.models.knowledge.knowledge_folder import TRIPLES, knowledge_files, read_rows
+from wordcraft_kg.models.knowledge.knowledge_folder import TRIPLES, knowledge_files, read_triples_of
 from wordcraft_kg.models.links.link_records import OutsideSummary
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.score_limits import check_table
@@ -56,17 +56,16 @@ def outside_hashes(folders: Sequence[str]) -> dict[str, str]:
         ConfigError: if a folder holds no triples.
         ArtefactError: if a folder is incomplete or damaged.
     """
-    return {f"outside graph {number}": _hash(folder) for number, folder in enumerate(folders, 1)}
-
-
-def _hash(folder: str) -> str:
-    outputs = knowledge_files(folder).run.outputs
-    if TRIPLES not in outputs:
-        raise ConfigError(
-            f"`with` '{folder}' holds tables and no triples. Expected a folder from "
-            "import-knowledge; `train-recipes` uses tables."
-        )
-    return outputs[TRIPLES]
+    hashes = {}
+    for number, folder in enumerate(folders, 1):
+        outputs = knowledge_files(folder).run.outputs
+        if TRIPLES not in outputs:
+            raise ConfigError(
+                f"`with` '{folder}' holds tables and no triples. Expected a folder from "
+                "import-knowledge; `train-recipes` uses tables."
+            )
+        hashes[f"outside graph {number}"] = outputs[TRIPLES]
+    return hashes
 
 
 def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTriples | None:
@@ -82,16 +81,15 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
             a recipe relation.
         ArtefactError: if a folder is incomplete or damaged.
     """
-    if not folders:
+    # Raises ConfigError if a folder has no triples.
+    if not outside_hashes(folders):
         return None
     places = {label: place for place, label in enumerate(entities)}
     relations: dict[str, int] = {name: place for place, name in enumerate(RELATIONS)}
     rows = list[tuple[int, int, int]]()
     for folder in folders:
         before = len(rows)
-        # Raises ConfigError if the folder has no triples.
-        _hash(folder)
-        for head, relation, tail in read_rows(knowledge_files(folder), TRIPLES):
+        for head, relation, tail in read_triples_of(knowledge_files(folder)):
             # Such triples would count as recipes, also as those of the test part.
             if relation in RELATIONS:
                 raise ConfigError(
@@ -193,41 +191,37 @@ def seed_everything(seed: int, epoch: int = 0) -> None:
 
 @contextmanager
 def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
-    """Seed the global generators for PyKEEN and set torch's CPU threads; restore both afterwards.
+    """Seed the global generators for PyKEEN, set torch's CPU threads, and suppress messages.
 
-    They are restored even after an error. Objects alive at the start are exempt from garbage
+    Messages are those of PyKEEN, its helpers and torch's sparse optimisers on their options. All is
+    restored afterwards, even after an error. Objects alive at the start are exempt from garbage
     collection: PyKEEN collects after each epoch, which takes 0.2 s for all imported objects.
     """
     python_state = random.getstate()
     numpy_state = np.random.get_state()  # noqa: NPY002
     frozen_before = gc.get_freeze_count()
+    loggers = [logging.getLogger(name) for name in ("pykeen", "torch_max_mem")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.ERROR)
     gc.freeze()
     try:
         devices = range(torch.cuda.device_count())
-        with torch.random.fork_rng(devices), torch_threads(threads):
+        with (
+            torch.random.fork_rng(devices),
+            torch_threads(threads),
+            torch.sparse.check_sparse_tensor_invariants(enable=False),
+        ):
             seed_everything(seed)
             yield
     finally:
         random.setstate(python_state)
         np.random.set_state(numpy_state)  # noqa: NPY002
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
         # Unfreezing is all or nothing: objects that the user's program has frozen stay frozen.
         if not frozen_before:
             gc.unfreeze()
-
-
-@contextmanager
-def quiet_pykeen() -> Iterator[None]:
-    """Suppress messages of PyKEEN, its helpers and torch's sparse optimisers on their options."""
-    loggers = [logging.getLogger(name) for name in ("pykeen", "torch_max_mem")]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.ERROR)
-    try:
-        with torch.sparse.check_sparse_tensor_invariants(enable=False):
-            yield
-    finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)
 
 
 def from_pykeen(model: Model, factory: TriplesFactory, opened: OpenedGraph) -> TableScorer:
@@ -262,19 +256,14 @@ def from_pykeen(model: Model, factory: TriplesFactory, opened: OpenedGraph) -> T
         ("entities", factory.entity_to_id, graph.entities),
         ("relations", factory.relation_to_id, RELATIONS),
     ):
-        differences = {
-            "missing": [label for label in expected if label not in ids],
-            "unknown": sorted(set(ids) - set(expected)),
-        }
-        problems = [
-            f"{len(labels)} are {kind} ({', '.join(labels[:3])})"
-            for kind, labels in differences.items()
-            if labels
-        ]
-        if problems:
+        missing = [label for label in expected if label not in ids]
+        unknown = sorted(set(ids) - set(expected))
+        if missing or unknown:
             raise GraphMismatchError(
-                f"the model's {name} do not match '{graph.name}': {', '.join(problems)}. Train "
-                f"the model on dataset='wordcraft', dataset_kwargs={{'graph': {opened.source!r}}}."
+                f"the model's {name} do not match '{graph.name}': {len(missing)} are missing "
+                f"({', '.join(missing[:3])}), {len(unknown)} are unknown "
+                f"({', '.join(unknown[:3])}). Train the model on dataset='wordcraft', "
+                f"dataset_kwargs={{'graph': {opened.source!r}}}."
             )
     # Before scoring, which would take long on a graph that is refused.
     check_table("a PyKEEN model", graph.num_entities)

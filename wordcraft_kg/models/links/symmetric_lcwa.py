@@ -18,15 +18,12 @@ from collections.abc import Iterator
 from typing import Any
 
 import torch
-from pykeen.losses import CrossEntropyLoss
 from pykeen.models import ERModel
-from pykeen.nn import Embedding
-from pykeen.training import SymmetricLCWATrainingLoop, training_loop_resolver
+from pykeen.training import SymmetricLCWATrainingLoop
 from pykeen.triples import CoreTriplesFactory
 from torch.nn.functional import cross_entropy
 from torch.utils.data import BatchSampler, DataLoader, RandomSampler, TensorDataset
 
-from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.triples import RELATIONS
 
 
@@ -54,7 +51,7 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         outside_weight: float = 1.0,
         **kwargs: Any,
     ) -> None:
-        """Check that the model suits this loop, then set it up as PyKEEN does.
+        """Set up the loop as PyKEEN does.
 
         Args:
             model: a model with one embedding per entity and per relation.
@@ -62,25 +59,7 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
             num_own: number of the graph's entities in joint training; None without outside triples.
             outside_weight: factor of an outside triple's loss.
             kwargs: as in PyKEEN's loop.
-
-        Raises:
-            ConfigError: if the model has another loss than cross entropy, or no single embedding
-                per entity.
         """
-        if not isinstance(model.loss, CrossEntropyLoss):
-            raise ConfigError(
-                f"this loop computes a cross entropy; the model has {type(model.loss).__name__}. "
-                "PyKEEN's pipeline gives every model its own default loss; pass "
-                'loss="crossentropy".'
-            )
-        if not isinstance(model, ERModel) or any(
-            len(parts) != 1
-            for parts in (model.entity_representations, model.relation_representations)
-        ):
-            raise ConfigError(
-                f"{type(model).__name__} has no single embedding per entity; train with "
-                "'SymmetricLCWA'."
-            )
         super().__init__(model, *args, **kwargs)
         self.num_own = num_own
         self.outside_weight = outside_weight
@@ -100,12 +79,11 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         batch: tuple[torch.Tensor],
         start: int,
         stop: int,
-        label_smoothing: float = 0.0,
-        slice_size: int | None = None,
+        **settings: Any,
     ) -> torch.Tensor:
         triples = batch[0][start:stop].to(self.model.device)
         if self.num_own is None:
-            return self._loss(triples, label_smoothing, None)
+            return self._loss(triples, None)
         # The graph's triples compete with its entities alone, outside triples with all nodes. Each
         # part's mean counts by its share of the batch, so a triple weighs the same in any batch.
         is_own = _is_own(triples)
@@ -116,16 +94,14 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         losses = []
         for part, num_candidates, weight in parts:
             if len(part):
-                loss = self._loss(part, label_smoothing, num_candidates)
+                loss = self._loss(part, num_candidates)
                 losses.append(weight * len(part) / len(triples) * loss)
         return torch.stack(losses).sum()
 
-    def _loss(
-        self, triples: torch.Tensor, label_smoothing: float, num_candidates: int | None
-    ) -> torch.Tensor:
+    def _loss(self, triples: torch.Tensor, num_candidates: int | None) -> torch.Tensor:
         # In this order: the lookups within the entropies fill the regularisation term, and
         # collecting the term empties it.
-        loss = self._entropies(triples, label_smoothing, num_candidates)
+        loss = self._entropies(triples, num_candidates)
         return loss + self.model.collect_regularization_term()
 
     def _vectors(self, triples: torch.Tensor) -> Iterator[torch.Tensor]:
@@ -135,9 +111,7 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         for representation, ids in zip((entity, relation, entity), triples.T, strict=True):
             yield representation(ids).unsqueeze(dim=1)
 
-    def _entropies(
-        self, triples: torch.Tensor, label_smoothing: float, num_candidates: int | None
-    ) -> torch.Tensor:
+    def _entropies(self, triples: torch.Tensor, num_candidates: int | None) -> torch.Tensor:
         """Return the cross entropies of tails and of heads among the first ``num_candidates``."""
         (entity,) = self.model.entity_representations
         h, r, t = self._vectors(triples)
@@ -146,18 +120,15 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         everything = entity._plain_forward()[:num_candidates].unsqueeze(dim=0)
         heads, _, tails = triples.unbind(dim=1)
         tail_scores = self.model.interaction(h, r, everything)
-        tail_entropy = cross_entropy(tail_scores, tails, label_smoothing=label_smoothing)
+        tail_entropy = cross_entropy(tail_scores, tails)
         head_scores = self.model.interaction(everything, r, t)
-        head_entropy = cross_entropy(head_scores, heads, label_smoothing=label_smoothing)
+        head_entropy = cross_entropy(head_scores, heads)
         return tail_entropy + head_entropy
 
 
 def _is_own(triples: torch.Tensor) -> torch.Tensor:
     """Return which triples (B, 3) are of the recipe graph: its relations have the first ids."""
     return triples[:, 1] < len(RELATIONS)
-
-
-training_loop_resolver.register(IndexedSymmetricLCWATrainingLoop, raise_on_conflict=False)
 
 
 def sampled_cross_entropy(
@@ -211,16 +182,12 @@ class SampledSymmetricLCWATrainingLoop(IndexedSymmetricLCWATrainingLoop):
             args: as in PyKEEN's loop.
             num_sampled: number S of entities sampled for each batch, with replacement.
             kwargs: as in :class:`IndexedSymmetricLCWATrainingLoop`.
-
-        Raises:
-            ConfigError: as :class:`IndexedSymmetricLCWATrainingLoop`.
         """
         super().__init__(model, triples_factory, *args, **kwargs)
         self.num_sampled = num_sampled
         (entity,) = model.entity_representations
-        if isinstance(entity, Embedding):
-            # A batch changes few of the entities, so dense gradients would be mostly zeros.
-            entity._embeddings.sparse = True
+        # A batch changes few of the entities, so dense gradients would be mostly zeros.
+        entity._embeddings.sparse = True
         triples = triples_factory.mapped_triples
         if self.num_own is None:
             self.probabilities = self._probabilities(triples, entity.max_id)
@@ -234,11 +201,7 @@ class SampledSymmetricLCWATrainingLoop(IndexedSymmetricLCWATrainingLoop):
         counts = torch.bincount(triples[:, [0, 2]].flatten(), minlength=size)
         return ((1 / size + counts / counts.sum()) / 2).to(self.model.device)
 
-    def _entropies(
-        self, triples: torch.Tensor, label_smoothing: float, num_candidates: int | None
-    ) -> torch.Tensor:
-        if label_smoothing:
-            raise ConfigError("a sampled softmax has no label smoothing; train with `negatives` 0.")
+    def _entropies(self, triples: torch.Tensor, num_candidates: int | None) -> torch.Tensor:
         (entity,) = self.model.entity_representations
         h, r, t = self._vectors(triples)
         is_own = num_candidates == self.num_own

@@ -12,6 +12,7 @@ from typing import cast
 import torch
 from torch import Tensor, nn
 from torch.func import functional_call
+from torch.nn.functional import linear
 from torch.nn.modules.dropout import _DropoutNd
 
 from wordcraft_kg.base import ConfigError, check_memory
@@ -22,7 +23,6 @@ from wordcraft_kg.models.policies.policy import (
     PolicyOutput,
     Weights,
     look_up,
-    named_weights,
 )
 from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.policies.sources.source import Source
@@ -110,16 +110,9 @@ class AttentionPolicy(Policy):
     def weights(  # noqa: D102 - inherited
         self, generator: torch.Generator | None = None
     ) -> Weights:
-        weights = self.vectors.weights() | _head_weights("value", self.value)
+        weights = super().weights() | self.attention.weights()
         if self.sources and self.config.lambda_form == "residual":
             weights |= self.residual_weights(self.lambdas)
-        elif self.sources:
-            weights |= _head_weights("mixture", self.mixture)
-        weights |= self.attention.weights()
-        if self.config.sees_attempts:
-            weights |= named_weights("phases", self.phases)
-        if self.most_picks:
-            weights |= named_weights("combine", self.combine)
         return weights
 
     def output(  # noqa: D102 - inherited
@@ -130,7 +123,7 @@ class AttentionPolicy(Policy):
     ) -> PolicyOutput:
         table = states.table
         mask = states.slot_mask(self.num_entities)
-        slots = Slots(weights.get("vectors"), table)
+        vectors = look_up(weights["vectors"], table) if "vectors" in weights else None
         # Attention logits, shape (B, A). Empty slots have zero vectors, so their α is 0 until
         # masked.
         rows = self.attention.rows(weights, states.goal, states.selection)
@@ -138,7 +131,7 @@ class AttentionPolicy(Policy):
         if self.config.sees_attempts:
             phases = phases_of(states, self.num_entities)
             rows = rows + weights["phases.rows"].index_select(0, phases)
-        alpha = slots.dot(rows)
+        alpha = slot_products(rows, vectors, table)
         if self.most_picks:
             combine_alpha = (rows @ weights["combine.key"]) + weights[
                 "combine.counts"
@@ -148,7 +141,7 @@ class AttentionPolicy(Policy):
         readout = masked_softmax(alpha, mask) if is_softmax else alpha.masked_fill(~mask, 0)
         # The state's encoding before W, shape (B, F): the readout pools the slots' vectors. The
         # value and the mixing weights see the table only through it.
-        encoding = slots.sum(readout, self.num_entities)
+        encoding = weighted_sums(readout, vectors, table, self.num_entities)
         value = _mlp(encoding, weights, "value")[:, 0]
         if phases is not None:
             value = value + weights["phases.value"].index_select(0, phases)
@@ -306,39 +299,37 @@ class TableAttention(nn.Module):
         return projected @ weights["key"] if "key" in weights else projected
 
 
-class Slots:
-    """Entity vectors at B tables of A ids: products with them, and weighted sums of them."""
+def slot_products(rows: Tensor, vectors: Tensor | None, table: Tensor) -> Tensor:
+    """Return each slot's dot product ``r · x_i`` with its table's r, shape (B, A).
 
-    def __init__(self, vectors: Tensor | None, table: Tensor):
-        """Fetch the vectors of a table (B, A) from those for all ids, (E + 1, F).
+    Args:
+        rows: shape (B, F).
+        vectors: entity vectors of the slots, shape (B, A, F); None for one-hot vectors, which are
+            never written out.
+        table: ids in the slots, shape (B, A).
+    """
+    if vectors is not None:
+        return torch.bmm(rows[:, None, :], vectors.transpose(1, 2))[:, 0]
+    # The product with a one-hot vector is an entry of the row; E has the appended 0.
+    return nn.functional.pad(rows, (0, 1)).gather(1, table)
 
-        None stands for one-hot vectors, which are never written out.
-        """
-        self.table = table
-        self.vectors = None if vectors is None else look_up(vectors, table)
 
-    def dot(self, rows: Tensor) -> Tensor:
-        """Return each slot's dot product ``r · x_i`` with its table's r: rows (B, F) -> (B, A)."""
-        if self.vectors is not None:
-            return torch.bmm(rows[:, None, :], self.vectors.transpose(1, 2))[:, 0]
-        # The product with a one-hot vector is an entry of the row; E has the appended 0.
-        return nn.functional.pad(rows, (0, 1)).gather(1, self.table)
+def weighted_sums(
+    weights: Tensor, vectors: Tensor | None, table: Tensor, num_entities: int
+) -> Tensor:
+    """Return each table's weighted sum of entity vectors, ``Σ_i w_i x_i``, shape (B, F).
 
-    def sum(self, weights: Tensor, num_entities: int) -> Tensor:
-        """Return each table's weighted sum of entity vectors, ``Σ_i w_i x_i``.
-
-        Args:
-            weights: shape (B, A).
-            num_entities: E, the length of one-hot vectors.
-
-        Returns:
-            shape (B, F).
-        """
-        if self.vectors is not None:
-            return torch.bmm(weights[:, None, :].contiguous(), self.vectors)[:, 0]
-        # Weights of one-hot vectors are added up by entity; the column of E is cut off.
-        sums = weights.new_zeros(len(weights), num_entities + 1)
-        return sums.scatter_add(1, self.table, weights)[:, :-1]
+    Args:
+        weights: shape (B, A).
+        vectors: as for :func:`slot_products`.
+        table: ids in the slots, shape (B, A).
+        num_entities: E, the length of one-hot vectors.
+    """
+    if vectors is not None:
+        return torch.bmm(weights[:, None, :].contiguous(), vectors)[:, 0]
+    # Weights of one-hot vectors are added up by entity; the column of E is cut off.
+    sums = weights.new_zeros(len(weights), num_entities + 1)
+    return sums.scatter_add(1, table, weights)[:, :-1]
 
 
 def _mean_row(rows: Tensor, selection: Tensor) -> Tensor:
@@ -360,25 +351,14 @@ def _head(
     return nn.Sequential(nn.Linear(dim, size), nn.ReLU(), nn.Linear(size, outputs))
 
 
-def _head_weights(name: str, head: nn.Sequential) -> Weights:
-    # Transposed, so that `addmm` takes them as they are.
-    return {
-        f"{name}.first": head.get_parameter("0.weight").T,
-        f"{name}.first.bias": head.get_parameter("0.bias"),
-        f"{name}.second": head.get_parameter("2.weight").T,
-        f"{name}.second.bias": head.get_parameter("2.bias"),
-    }
-
-
 def _mlp(
     encoding: Tensor,
     weights: Weights,
     name: str,
 ) -> Tensor:
-    """Apply a head's weights, named as by :func:`_head_weights`, to encodings (B, F)."""
-    first = torch.addmm(weights[f"{name}.first.bias"], encoding, weights[f"{name}.first"])
-    hidden = torch.relu(first)
-    return torch.addmm(weights[f"{name}.second.bias"], hidden, weights[f"{name}.second"])
+    """Apply the head with this name, see :func:`_head`, to encodings (B, F)."""
+    first = linear(encoding, weights[f"{name}.0.weight"], weights[f"{name}.0.bias"])
+    return linear(torch.relu(first), weights[f"{name}.2.weight"], weights[f"{name}.2.bias"])
 
 
 class MLPPolicy(Policy):
@@ -408,20 +388,6 @@ class MLPPolicy(Policy):
         self.logits = nn.Linear(config.hidden_size, num_slots)
         self.value = nn.Linear(config.hidden_size, 1)
 
-    def weights(  # noqa: D102 - inherited
-        self, generator: torch.Generator | None = None
-    ) -> Weights:
-        layers = {
-            "hidden": self.hidden,
-            "logits": self.logits,
-            "value": self.value,
-        }
-        weights = self.vectors.weights()
-        for name, layer in layers.items():
-            weights[name] = layer.weight.T
-            weights[f"{name}.bias"] = layer.bias
-        return weights
-
     def output(  # noqa: D102 - inherited
         self,
         states: States,
@@ -438,22 +404,22 @@ class MLPPolicy(Policy):
         ids = torch.cat([states.goal[:, None], states.selection[:, None], table], dim=1)
         # Logits and value share the hidden layer.
         inner = torch.relu(self._hidden(ids, weights))
-        logits = torch.addmm(weights["logits.bias"], inner, weights["logits"])
-        value = torch.addmm(weights["value.bias"], inner, weights["value"])
+        logits = linear(inner, weights["logits.weight"], weights["logits.bias"])
+        value = linear(inner, weights["value.weight"], weights["value.bias"])
         is_empty = table == self.num_entities
         return PolicyOutput(logits.masked_fill(is_empty, -torch.inf), value[:, 0])
 
     def _hidden(self, ids: Tensor, weights: Weights) -> Tensor:
         """Return the hidden layer before the rectifier, shape (B, H), for ids (B, 2 + A)."""
-        hidden = weights["hidden"]
+        hidden = weights["hidden.weight"]
         bias = weights["hidden.bias"]
         vectors = weights.get("vectors")
         if vectors is not None:
-            return torch.addmm(bias, look_up(vectors, ids).flatten(1), hidden)
+            return linear(look_up(vectors, ids).flatten(1), hidden, bias)
         # One-hot vectors: each input adds a row of its own block of the weights. A row of zeros
         # below each block stands for an empty slot, so blocks are E + 1 rows apart.
         inputs = ids.shape[1]
-        blocks = hidden.view(inputs, self.num_entities, -1)
+        blocks = hidden.T.view(inputs, self.num_entities, -1)
         rows = nn.functional.pad(blocks, (0, 0, 0, 1)).flatten(0, 1)
         offsets = torch.arange(inputs, device=ids.device) * (self.num_entities + 1)
         return bias + look_up(rows, ids + offsets).sum(1)
@@ -507,12 +473,12 @@ class NetworkPolicy(Policy):
     def weights(  # noqa: D102 - inherited
         self, generator: torch.Generator | None = None
     ) -> Weights:
-        # One-hot vectors are written out here, for a network that knows no short cut.
-        size = self.num_entities
-        device = next(self.network.parameters()).device
-        weights = self.vectors.weights() or {"vectors": torch.eye(size + 1, size, device=device)}
-        # By name, so that an actor may lag behind the learner.
-        weights |= named_weights("network", self.network)
+        weights = super().weights()
+        if self.vectors.is_one_hot:
+            # Written out here, for a network that knows no short cut.
+            size = self.num_entities
+            device = next(self.network.parameters()).device
+            weights["vectors"] = torch.eye(size + 1, size, device=device)
         if self.sources:
             weights |= self.residual_weights(self.lambdas)
         return weights

@@ -24,7 +24,6 @@ from wordcraft_kg.models.policies.policy import (
     Weights,
     checked_logits,
     look_up,
-    named_weights,
 )
 from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.policies.sources.source import Source
@@ -133,7 +132,7 @@ class PairPolicy(Policy):
         if self.sources:
             weights |= self.residual_weights(self.lambdas)
         if self.config.sees_attempts:
-            weights |= named_weights("phases", self.phases)
+            weights |= {f"phases.{name}": part for name, part in self.phases.named_parameters()}
         return weights
 
     # --- choices: pairs of slots ------------------------------------------------------------------
@@ -146,7 +145,10 @@ class PairPolicy(Policy):
         noise: Tensor | None = None,
     ) -> PolicyOutput:
         table = states.table
-        num_slots = _used_slots(table, self.num_entities)
+        num_slots = table.shape[1]
+        # On a device, asking would wait for pending work.
+        if table.device.type == "cpu":
+            num_slots = states.num_used_slots(self.num_entities)
         phases = None
         if self.config.sees_attempts:
             # That of the attempt, whatever the selection.
@@ -338,17 +340,6 @@ def _of_pairs(
     # The value learns from the policy's attention, and does not change it.
     shares = torch.softmax(alpha.detach(), dim=1)
     return alpha, (shares * values).sum(1)
-
-
-def _used_slots(table: Tensor, nothing: int) -> int:
-    """Return the number of slots up to the last one that is filled in any table, 1 or more."""
-    slots = table.shape[1]
-    # Free slots for results are a large share of a table, and the cost of pairs is quadratic. On a
-    # device, asking would wait for pending work, and compiled code expects the same shapes.
-    if table.device.type != "cpu" or torch.compiler.is_compiling():
-        return slots
-    filled = (table != nothing).any(0).nonzero()
-    return int(filled[-1]) + 1 if len(filled) else 1
 
 
 @lru_cache

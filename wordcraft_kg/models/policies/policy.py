@@ -10,7 +10,7 @@ from wordcraft_kg.base import ArtefactError, UnknownEntityError, nearest, refuse
 from wordcraft_kg.graphs import Entity, TaskSet
 from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.policies.sources import ALPHA, Label
-from wordcraft_kg.models.policies.sources.source import Source
+from wordcraft_kg.models.policies.sources.source import FoldedSource, Source
 from wordcraft_kg.models.policies.states import Attempts, States
 
 Weights = dict[str, Tensor]
@@ -139,11 +139,6 @@ def look_up(vectors: Tensor, ids: Tensor) -> Tensor:
     return vectors.index_select(0, ids.reshape(-1)).view(*ids.shape, vectors.shape[1])
 
 
-def named_weights(name: str, module: nn.Module) -> Weights:
-    """Return a module's parameters by name, each behind the module's name and a point."""
-    return {f"{name}.{part}": parameter for part, parameter in module.named_parameters()}
-
-
 class SourceWeights(nn.Module):
     """A mixing weight λ for each source, the same in all states: ``λ = first + c · step``.
 
@@ -200,8 +195,8 @@ class Policy(nn.Module):
     Needs no trainer of this package: a policy is a plain torch module. Ids equal environment ids:
     entities 0 to E - 1, and E for an empty slot or no selection.
 
-    A subclass defines :meth:`weights` and :meth:`output`. The split lets an actor and a learner
-    share what depends on parameters only, computed once per update.
+    A subclass defines :meth:`output`, and :meth:`weights` if need be. The split lets an actor and a
+    learner share what depends on parameters only, computed once per update.
 
     A trainer sees *choices*: slots, or for a policy that scores pairs, the pairs of slots of a
     whole attempt. Such a policy also defines the methods from :meth:`choose` to
@@ -309,6 +304,12 @@ class Policy(nn.Module):
         return PolicyOutput(mix_logits(sources, lambdas, mask), value, sources, lambdas)
 
     @property
+    def folded_sources(self) -> list[FoldedSource]:
+        """Sources with a model per left-out fold, whose scores depend on the task."""
+        sources = self.sources.values()
+        return [each for each in sources if isinstance(each, FoldedSource) and each.reads_task]
+
+    @property
     def reads_task(self) -> bool:
         """Whether a source's scores depend on the task, so that states need task numbers."""
         return any(source.reads_task for source in self.sources.values())
@@ -326,10 +327,12 @@ class Policy(nn.Module):
     def weights(self, generator: torch.Generator | None = None) -> Weights:
         """Return tensors computed from parameters only, which :meth:`forward` calls can share.
 
+        By default ``vectors``, see :class:`EntityVectors`, and all parameters by their names.
+
         Args:
             generator: draws the noise with which a policy may train; None for none.
         """
-        raise NotImplementedError
+        return self.vectors.weights() | dict(self.named_parameters())
 
     def forward(
         self,

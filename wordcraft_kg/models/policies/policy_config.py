@@ -178,12 +178,6 @@ class PolicyConfig:
         )
 
     @property
-    def score_scale(self) -> Scale:
-        """The scale of scores, which is known once the settings are :meth:`closed`."""
-        assert self.scale is not None
-        return self.scale
-
-    @property
     def lambda_form(self) -> Mixing:
         """The range of λ; free while it is left open."""
         return self.mixing or "free"

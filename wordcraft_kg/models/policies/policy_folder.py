@@ -124,7 +124,8 @@ def make_policy(
             raise ConfigError("`policy` mlp cannot mix in scorer scores; leave out `scorer`.")
         check_scorer(scorer, graph)
         # In-sample scores are those of the model of all train recipes, without its folds.
-        view = ScoreView(config.score_scale, config.self_edges, observed, width=config.plan_width)
+        assert config.scale is not None  # closed above
+        view = ScoreView(config.scale, config.self_edges, observed, width=config.plan_width)
         scorer = whole_of(scorer) if config.in_sample else scorer
         sources = make_sources(config.sources, scorer, view, tasks=tasks)
     # torch draws parameters from its global generator, which is set here and restored.

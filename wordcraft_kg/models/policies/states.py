@@ -67,6 +67,14 @@ class States(NamedTuple):
             mask[:, -1] = self.num_selected(nothing) > 0
         return mask
 
+    def num_used_slots(self, nothing: int) -> int:
+        """Return the number of slots up to the last one that is filled in any table, 1 or more.
+
+        Free slots for results are a large share of a table, and the cost of pairs is quadratic.
+        """
+        filled = (self.table != nothing).any(0).nonzero()
+        return int(filled[-1]) + 1 if len(filled) else 1
+
     def mean_over_selection(self, score: Callable[[Tensor], Tensor], nothing: int) -> Tensor:
         """Return the mean of scores with each selected entity, 0 without one.
 

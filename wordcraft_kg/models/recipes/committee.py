@@ -89,7 +89,7 @@ def fit_committee(
     networks = [_Network.drawn(len(mean), generator) for _ in range(members)]
     # The same queries are together in all epochs, so that they are prepared once.
     parts = torch.randperm(len(examples.features), generator=generator).split(size)
-    batches = [_Batch.of(examples, rows, mean, scale) for rows in parts]
+    batches = [_prepared(examples, rows, mean, scale) for rows in parts]
     epochs = max(schedule.epochs, math.ceil(schedule.steps / len(batches)))
     optimizer = torch.optim.AdamW(
         [weights for network in networks for weights in network],
@@ -105,7 +105,7 @@ def fit_committee(
     )
     for _ in range(epochs):
         for place in torch.randperm(len(batches), generator=generator).tolist():
-            _set_gradients(networks, batches[place])
+            _set_gradients(networks, *batches[place])
             optimizer.step()
             cycle.step()
     # Standardise the weights instead of the features: far fewer numbers when the ranker is used.
@@ -144,37 +144,31 @@ class _Network(NamedTuple):
         )
 
 
-class _Batch(NamedTuple):
-    """Queries of a step. Most tables have fewer pairs than the widest: empty ones have no row.
+def _prepared(
+    examples: Examples, rows: Tensor, mean: Tensor, scale: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Return the queries of a step. Most tables have fewer pairs than the widest.
 
-    Attributes:
-        features: standardised features of the competing candidates, shape (n, F).
-        places: where they are among all candidates, query by query, shape (n,).
-        is_right: shape (queries, P).
+    Args:
+        examples: all queries.
+        rows: numbers of the step's queries, shape (n,).
+        mean: means of the features, shape (F,).
+        scale: their deviations, shape (F,).
+
+    Returns:
+        standardised features of the competing candidates, shape (c, F); where they are among all
+        candidates, query by query, shape (c,); and which are right, shape (n, P).
     """
-
-    features: Tensor
-    places: Tensor
-    is_right: Tensor
-
-    @classmethod
-    def of(cls, examples: Examples, rows: Tensor, mean: Tensor, scale: Tensor) -> "_Batch":
-        """Prepare queries.
-
-        Args:
-            examples: all queries.
-            rows: numbers of the batch's queries, shape (n,).
-            mean: means of the features, shape (F,).
-            scale: their deviations, shape (F,).
-        """
-        competes = examples.competes[rows]
-        features = (examples.features[rows][competes] - mean) / scale
-        # (queries, P) to (queries · P,).
-        places = competes.view(-1).nonzero()[:, 0]
-        return cls(features, places, examples.is_right[rows])
+    competes = examples.competes[rows]
+    features = (examples.features[rows][competes] - mean) / scale
+    # (n, P) to (n · P,).
+    places = competes.view(-1).nonzero()[:, 0]
+    return features, places, examples.is_right[rows]
 
 
-def _set_gradients(networks: Sequence[_Network], batch: "_Batch") -> None:
+def _set_gradients(
+    networks: Sequence[_Network], features: Tensor, places: Tensor, is_right: Tensor
+) -> None:
     """Set the gradients of the mean loss of a batch, network by network.
 
     With a query's softmax p over its candidates and q over the right ones alone, the loss
@@ -184,10 +178,12 @@ def _set_gradients(networks: Sequence[_Network], batch: "_Batch") -> None:
 
     Args:
         networks: their ``grad`` is overwritten.
-        batch: the queries.
+        features: of the competing candidates, see :func:`_prepared`.
+        places: where they are among all candidates.
+        is_right: which candidates are right.
     """
     units = []
-    shape = batch.is_right.shape
+    shape = is_right.shape
     num_queries, _ = shape
     # A candidate that does not compete keeps the score -inf, and so the probability 0.
     scores = torch.full((len(networks), shape.numel()), -torch.inf)
@@ -195,22 +191,22 @@ def _set_gradients(networks: Sequence[_Network], batch: "_Batch") -> None:
     # processor's cache.
     for row, network in zip(scores, networks, strict=True):
         # (n, H)
-        hidden = torch.addmm(network.first_bias, batch.features, network.first).relu_()
-        row[batch.places] = hidden @ network.second
+        hidden = torch.addmm(network.first_bias, features, network.first).relu_()
+        row[places] = hidden @ network.second
         units.append(hidden)
     scores = scores.view(-1, *shape)
-    right_scores = scores.masked_fill(~batch.is_right, -torch.inf)
+    right_scores = scores.masked_fill(~is_right, -torch.inf)
     among_all = scores.softmax(-1)
     among_right = right_scores.softmax(-1)
     by_score = (among_all - among_right) / num_queries
     # Candidates that do not compete have no row among the features: (networks, queries, P) to
     # (networks, n).
-    errors = by_score.flatten(1)[:, batch.places]
+    errors = by_score.flatten(1)[:, places]
     for network, hidden, error in zip(networks, units, errors, strict=True):
         network.second.grad = hidden.T @ error
         # The derivative of relu is 1 for positive units and 0 for the others: their sign.
         by_unit = hidden.sign_().mul_(error[:, None])
-        by_input = batch.features.T @ by_unit
+        by_input = features.T @ by_unit
         network.first.grad = by_input * network.second
         network.first_bias.grad = by_unit.sum(0) * network.second
 

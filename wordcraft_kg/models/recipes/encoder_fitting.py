@@ -15,6 +15,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -37,7 +38,6 @@ class EncoderSchedule:
         made: length of a result's vector, Z.
         batch: recipes of a step, B.
         sampled: results sampled for a step, N.
-        corrupted: corrupted pairs of a step, for each recipe.
         epochs: passes over the recipes.
         rate: largest step size.
         weight_decay: of all weights but the vectors of single entities.
@@ -50,7 +50,6 @@ class EncoderSchedule:
     made: int = 128
     batch: int = 512
     sampled: int = 1_024
-    corrupted: int = 1
     epochs: int = 7
     rate: float = 4e-3
     weight_decay: float = 1e-4
@@ -202,27 +201,42 @@ def _centred(encoder: PairEncoder, recipes: Tensor) -> PairEncoder:
     )
 
 
-class _Draws:
-    """Random results and ingredients, drawn by how often recipes have them."""
+class _Draws(NamedTuple):
+    """Distributions of random results and ingredients, by how often recipes have them.
 
-    def __init__(self, recipes: Ids, size: int):
+    Attributes:
+        result_ends: where the interval of each result ends, see :func:`_drawn`, shape (T,).
+        use_ends: the same of ingredients.
+        log_expected: log of how often a step has each result, shape (T,), at most 0.
+    """
+
+    result_ends: Tensor
+    use_ends: Tensor
+    log_expected: Tensor
+
+    @classmethod
+    def of(cls, recipes: Ids, size: int, batch: int, sampled: int) -> "_Draws":
+        """Count recipes.
+
+        Args:
+            recipes: training recipes, ids (n, 3).
+            size: T.
+            batch: recipes of a step.
+            sampled: results sampled for a step.
+        """
         make_counts = np.bincount(recipes[:, 2], minlength=size)
-        _, users = different_ingredients(recipes, size)
         # Half by frequency to the power .75 (Mikolov et al. 2013), half evenly.
         by_count = make_counts**0.75
-        self.of_results = 0.5 * by_count / by_count.sum() + 0.5 / size
-        self.share = make_counts / len(recipes)
+        of_results = 0.5 * by_count / by_count.sum() + 0.5 / size
+        _, users = different_ingredients(recipes, size)
         # As environments draw distractors.
         uses = 1.0 + np.bincount(users, minlength=size)
-        use_probs = uses / uses.sum()
-        # Where the interval of each entity ends, see `_drawn`.
-        self.result_ends = torch.from_numpy(np.cumsum(self.of_results))
-        self.use_ends = torch.from_numpy(np.cumsum(use_probs))
-
-    def log_expected(self, batch: int, sampled: int) -> Tensor:
-        """Return the log of how often a step has each result, shape (T,), at most 0."""
-        expected = batch * self.share + sampled * self.of_results
-        return torch.from_numpy(np.log(np.minimum(expected, 1))).float()
+        expected = batch * (make_counts / len(recipes)) + sampled * of_results
+        return cls(
+            torch.from_numpy(np.cumsum(of_results)),
+            torch.from_numpy(np.cumsum(uses / uses.sum())),
+            torch.from_numpy(np.log(np.minimum(expected, 1))).float(),
+        )
 
 
 def _drawn(ends: Tensor, number: int, generator: torch.Generator) -> Tensor:
@@ -306,10 +320,10 @@ def fit_encoder(
     size, dim = vectors.shape
     network = _Network(size, dim, plan, generator).to(device)
     words = vectors.to(device)
-    draws = _Draws(recipes, size)
     batch = min(plan.batch, len(recipes))
+    draws = _Draws.of(recipes, size, batch, plan.sampled)
+    draws = draws._replace(log_expected=draws.log_expected.to(device))
     rows = torch.from_numpy(recipes)
-    log_expected = draws.log_expected(batch, plan.sampled).to(device)
     steps = len(recipes) // batch
     # Vectors of single entities have sparse gradients.
     single = [network.used_ids, network.made_ids, network.bias_ids]
@@ -330,7 +344,7 @@ def fit_encoder(
                     raise KeyboardInterrupt
                 rate = plan.rate * _share_of_rate(num_steps, total)
                 num_steps += 1
-                loss = _loss(network, words, rows[batch_rows], draws, log_expected, plan, generator)
+                loss = _loss(network, words, rows[batch_rows], draws, plan, generator)
                 for optimizer in optimizers:
                     optimizer.zero_grad()
                 loss.backward()
@@ -359,7 +373,6 @@ def _loss(
     words: Tensor,
     recipes: Tensor,
     draws: _Draws,
-    log_expected: Tensor,
     plan: EncoderSchedule,
     generator: torch.Generator,
 ) -> Tensor:
@@ -369,8 +382,7 @@ def _loss(
         network: the parameters.
         words: unit word vectors, shape (T, D).
         recipes: the step's recipes, ids (B, 3), on the CPU.
-        draws: draws negatives.
-        log_expected: log of how often a step has each result, shape (T,).
+        draws: distributions of negatives.
         plan: sizes.
         generator: draws negatives and dropped vectors.
     """
@@ -378,13 +390,10 @@ def _loss(
     batch = len(recipes)
     first, second, results = recipes.unbind(1)
     # Corrupted pairs: one ingredient stays in half of them, none in the others.
-    corrupted = plan.corrupted * batch
-    corrupting_ids = _drawn(draws.use_ends, 2 * corrupted, generator)
-    first_corrupted, second_corrupted = corrupting_ids.view(2, corrupted)
-    stays = torch.arange(corrupted)[: corrupted // 2]
-    source_rows = stays % batch
-    keeps_first = stays % 4 < 2
-    first_corrupted[stays] = torch.where(keeps_first, first[source_rows], second[source_rows])
+    corrupting_ids = _drawn(draws.use_ends, 2 * batch, generator)
+    first_corrupted, second_corrupted = corrupting_ids.view(2, batch)
+    stays = torch.arange(batch // 2)
+    first_corrupted[stays] = torch.where(stays % 4 < 2, first[stays], second[stays])
     pairs = torch.cat([first, first_corrupted, second, second_corrupted])
     used_ids, pair_places = pairs.unique(return_inverse=True)
     sampled = _drawn(draws.result_ends, plan.sampled, generator)
@@ -400,7 +409,7 @@ def _loss(
     z, u = network.encode_pairs(first_vectors, second_vectors)
     result_vectors, bias = network.as_made(words, made_ids, keep_made.to(device))
     # A result that steps have often is no better an answer: its frequency is taken off.
-    corrected = bias - log_expected[made_ids]
+    corrected = bias - draws.log_expected[made_ids]
     # (B, results of the batch and sampled ones, each once)
     result_logits = z[:batch] @ result_vectors.T + corrected
     result_loss = nn.functional.cross_entropy(result_logits, right)
@@ -410,7 +419,7 @@ def _loss(
     is_same = goals[:, None] == goals
     is_same.fill_diagonal_(False)
     # Another recipe's pair that makes the same result is no wrong answer.
-    competing = nn.functional.pad(is_same, (0, corrupted), value=False)
+    competing = nn.functional.pad(is_same, (0, batch), value=False)
     pair_logits = pair_logits.masked_fill(competing, -1e4)
     # The right pair of each recipe is its own: the first columns are the batch's pairs.
     right_pairs = torch.arange(batch, device=device)

@@ -99,7 +99,7 @@ def fit_recipe_scorers(
     wanted: Sequence[LeftOut],
     *,
     outside: LinkTables = NOTHING,
-    encoders: Mapping[LeftOut, PairEncoder] | PairEncoder = MappingProxyType({}),
+    encoders: Mapping[LeftOut, PairEncoder] = MappingProxyType({}),
     seed: int = 0,
     workers: int = 1,
     after: Callable[[], None] = lambda: None,
@@ -113,26 +113,24 @@ def fit_recipe_scorers(
         folds: folds of the train recipes.
         words: word vectors.
         wanted: the folds to leave out, () for none.
-        outside: features of links that are the same in all folds.
+        outside: features that are the same in all folds.
         encoders: pair encoders by the folds that they have not seen, all of :func:`encoders_of`;
-            none to do without. Or the encoder of other books, the same for all folds.
+            none for that of other books, if there is one.
         seed: seed of tables and initial weights.
         workers: threads; compiled loops and fits run beside each other.
-        after: called after each set of lists and each fit, in the caller's thread; may raise to end
-            the fits.
+        after: called after each set of lists, and after a fit is taken, in the caller's thread; may
+            raise to end the fits.
 
     Yields:
         an entry of ``wanted``, and the knowledge fitted without these folds.
     """
-    has_own_encoders = not isinstance(encoders, PairEncoder) and bool(encoders)
+    has_own_encoders = bool(encoders)
     # By the folds left out and the fold held out.
     lessons: dict[tuple[LeftOut, int], _Lesson] = {}
     missing = set(wanted)
 
     def encoder_without(left_out: Collection[int]) -> PairEncoder | None:
-        if isinstance(encoders, PairEncoder):
-            return encoders
-        return encoders.get(tuple(sorted(left_out)))
+        return encoders.get(tuple(sorted(left_out)), outside.encoder)
 
     def make_lessons(left_out: LeftOut, turn: int) -> dict[tuple[LeftOut, int], _Lesson]:
         without = {*left_out, turn}
@@ -175,9 +173,8 @@ def fit_recipe_scorers(
             num_waiting = workers - 1 if number < len(wanted) else 0
             while len(fits) > num_waiting:
                 fold_set, first_fit = fits.popleft()
-                knowledge = first_fit.result()
+                yield fold_set, first_fit.result()
                 after()
-                yield fold_set, knowledge
     finally:
         # After Ctrl-C, what is not begun is never made.
         pool.shutdown(cancel_futures=True)
@@ -227,11 +224,7 @@ def encoders_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LeftOut]:
         folds: folds of the train recipes.
         wanted: the folds that scorers leave out, in the order of their fits.
     """
-    fold_sets: dict[LeftOut, None] = {}
-    for left_out in wanted:
-        with_lists = lists_of(folds, [left_out], has_encoder=True)
-        fold_sets |= dict.fromkeys([left_out, *with_lists])
-    return list(fold_sets)
+    return list(dict.fromkeys([*wanted, *lists_of(folds, wanted, has_encoder=True)]))
 
 
 class _Lesson(NamedTuple):

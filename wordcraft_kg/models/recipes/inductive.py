@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from wordcraft_kg.base import ArtefactError, ConfigError, FeatureSpec, UnknownEntityError, nearest
 from wordcraft_kg.graphs.recipes import check_label
@@ -24,7 +23,6 @@ from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScore
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import ENCODE, EntityFeatures, make_features, named
 from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
-from wordcraft_kg.models.scorers.neighbours.storage import LINK_TABLES
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer
@@ -32,7 +30,7 @@ from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.record import RunFiles, read_finished_run
 
 _NEAREST = 8
-"""Labels whose sentence vectors, or links by outside knowledge, stand for those of a new label."""
+"""Labels whose sentence vectors stand for that of a new label."""
 _POWER = 4
 """Power of their cosines: the nearest ones count."""
 
@@ -48,29 +46,19 @@ def extended(
     name old and new ones.
 
     Args:
-        scorer: scores E entities; of a cross-fitted scorer, the main scorer is extended.
-        labels: the new entities, which get ids from E on.
+        scorer: scores E entities, without outside knowledge; of a cross-fitted scorer, the main
+            scorer is extended.
+        labels: the new entities, each once, which get ids from E on.
         vectors: their unit word vectors, shape (n, D).
 
     Raises:
-        ConfigError: if the scorer has another kind, a label is known or repeated, or the vectors
-            have another shape.
+        ConfigError: if the scorer has another kind.
         RecipeFileError: if a label is invalid.
     """
     main = _recipe_scorer(scorer)
-    checked = [check_label(label, "a new entity") for label in labels]
-    entities = (*main.entities, *checked)
-    if len(set(entities)) < len(entities):
-        # From the end, where the new labels are.
-        repeated = next(label for label in reversed(entities) if entities.count(label) > 1)
-        raise ConfigError(f"the new entity '{repeated}' exists already; expected each label once.")
+    entities = (*main.entities, *(check_label(label, "a new entity") for label in labels))
     constants = main.knowledge.constants()
     old = constants["vectors"].cpu()
-    if vectors.shape != (len(labels), old.shape[1]):
-        raise ConfigError(
-            f"`vectors` have shape {vectors.shape}; expected ({len(labels)}, {old.shape[1]}), a "
-            "vector for each new entity, of the length of the model's vectors."
-        )
     # Half precision, as the vectors of old entities are stored.
     every = torch.cat([old, torch.from_numpy(vectors.astype(np.float16))])
     size = len(main.entities)
@@ -84,11 +72,6 @@ def extended(
         new_vectors = every[size:].float().to(encoder.bias.device)
         encoder_tensors = encoder.with_entities(new_vectors).named()
         tensors |= {name: tensor[None] for name, tensor in encoder_tensors.items()}
-    tables = {name: constants[name] for name in LINK_TABLES if constants[name].numel()}
-    # Only for books that are small enough for tables: shares of all pairs would take gigabytes.
-    if tables:
-        shares = _shares_of_old(every.float(), size).to(main.device)
-        tensors |= {name: _wider_tables(table, shares) for name, table in tables.items()}
     return RecipeScorer(
         constants | tensors,
         entities,
@@ -96,35 +79,6 @@ def extended(
         device=main.device,
         name=scorer.name,
     )
-
-
-def _shares_of_old(vectors: Tensor, size: int) -> Tensor:
-    """Return of which old entities each entity is a mean, shape (T, size), by words.
-
-    An old entity is itself. A new one is a mean of the most similar old ones, as outside knowledge
-    says nothing about it; without any, all of its shares are 0.
-
-    Args:
-        vectors: unit word vectors of old and new entities, shape (T, D).
-        size: number of old entities, which come first.
-    """
-    old = vectors[:size]
-    new = vectors[size:]
-    cosines = (new @ old.T).clamp(min=0)
-    best, places = cosines.topk(min(_NEAREST, size), dim=1)
-    weights = torch.zeros(len(new), size).scatter(1, places, best**_POWER)
-    # The smallest positive number keeps rows of zeros: 0 / 0 is undefined.
-    tiny = torch.finfo(weights.dtype).tiny
-    weights /= weights.sum(1, keepdim=True).clamp(min=tiny)
-    return torch.cat([torch.eye(size), weights])
-
-
-def _wider_tables(tables: Tensor, shares: Tensor) -> Tensor:
-    """Return link scores of M models, (M, size, size), for all T entities, (M, T, T), half.
-
-    A new entity has the mean scores of the old ones in ``shares``, shape (T, size).
-    """
-    return torch.stack([(shares @ table.float() @ shares.T).half() for table in tables])
 
 
 class LabelledScorer(NamedTuple):
@@ -153,7 +107,8 @@ def for_labels(folder: str | Path, scorer: Scorer, labels: Sequence[str]) -> Lab
     Raises:
         ConfigError: if the scorer has another kind, or the model's vector file is missing or
             damaged.
-        UnknownEntityError: if there are new labels, and the model uses no words.
+        UnknownEntityError: if there are new labels, and the model uses no words, or outside
+            knowledge.
         ArtefactError: if the folder is damaged, or the word vectors have changed.
     """
     main = _recipe_scorer(scorer)
@@ -193,13 +148,14 @@ def with_words(
     Args:
         folder: the model's folder, written by ``train-recipes``.
         scorer: the folder's scorer.
-        labels: the new entities, without duplicates.
+        labels: the new entities, without duplicates, none of which the scorer knows.
         allow_missing: use zeros for labels without a vector.
 
     Raises:
-        UnknownEntityError: if the model uses no words, or a label has no vector.
+        UnknownEntityError: if the model uses no words, or outside knowledge, or a label has no
+            vector.
         ArtefactError: if the folder is damaged, or the word vectors have changed.
-        ConfigError: if a label is known, or the model's vector file is missing or damaged.
+        ConfigError: if the model's vector file is missing or damaged.
         RecipeFileError: if a label is invalid.
 
     Example:
@@ -229,10 +185,10 @@ def with_words(
     # Reading the file compares its hash with the record.
     RunFiles(folder, run).bytes(CONFIG_FILE)
     settings = RecipesConfig.read(folder).settings
-    if settings.kg == "none":
+    if settings.with_:
         raise unknown(
             labels[0],
-            "A model without the graph's recipes (`kg` none) scores only the graph's entities.",
+            "A model with outside knowledge (`with`) scores only the graph's entities.",
         )
     size = len(scorer.entities)
     words = named(settings.features, scorer.entities)
@@ -270,8 +226,6 @@ def with_words(
 
 def _why_unknown(words: str) -> str:
     """Return why a label has no vector in the features ``words``, and what to do."""
-    if words == "minilm":
-        return "No word in this label has a vector."
     if os.path.isdir(words):
         return (
             f"The model's `features` {words} have no vector for this label. Encode it with the "

@@ -1,12 +1,11 @@
 """Evidence from outside the train recipes for a recipe or a link.
 
-It consists of cells of tables, facts, and recipes of other books. Scores do not need this evidence,
+It consists of cells of tables, and recipes of other books. Scores do not need this evidence,
 so a source that is missing or has changed gives a warning and no evidence. Outside knowledge is the
 same in all folds, and so is its evidence. The page docs/outside-knowledge.md shows it to users.
 """
 
 import logging
-from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,16 +17,14 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.base import ArtefactError, Record, WordCraftKGError
-from wordcraft_kg.graphs import COMBINES_WITH, RELATIONS, Entity, OpenedGraph, Recipe, open_graph
+from wordcraft_kg.graphs import COMBINES_WITH, RELATIONS, Entity, OpenedGraph, Recipe
 from wordcraft_kg.models.knowledge.books import open_other_book
 from wordcraft_kg.models.knowledge.knowledge_folder import (
-    FACTS,
     TABLES,
     KnowledgeTables,
     TableInfo,
     knowledge_files,
     read_knowledge,
-    read_rows,
 )
 from wordcraft_kg.models.knowledge.outside import is_book
 from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
@@ -55,7 +52,7 @@ class OutsideEvidence(Record):
     Attributes:
         source: the source's name.
         text: such as ``bread needs dough``.
-        value: value of the table cell; None for facts and recipes.
+        value: value of the table cell; None for recipes.
     """
 
     source: str
@@ -132,8 +129,7 @@ class OutsideEvidenceFinder:
         """Return at most :data:`LIMIT` pieces of evidence for a recipe.
 
         The sources take turns in the order of the settings, each with its strongest evidence first:
-        facts, then table cells by standardised value; recipes of another book by the number of
-        shared entities.
+        table cells by standardised value; recipes of another book by the number of shared entities.
 
         Args:
             a: label or id of an ingredient.
@@ -190,14 +186,8 @@ class OutsideEvidenceFinder:
             raise ArtefactError("the source has changed since the model was trained.")
 
     def _folder_source(self, spec: str) -> _Source:
-        """Return a folder's evidence: its facts, then cells of its tables."""
-        files = knowledge_files(spec)
-        self._check(files.run.outputs[TABLES])
-        knowledge = read_knowledge(spec).of_entities(self.opened.graph.entities)
-        parts = [_table_evidence(knowledge)]
-        if FACTS in files.run.outputs:
-            parts.insert(0, _fact_evidence(files, knowledge))
-        return lambda slots: [piece for part in parts for piece in part(slots)]
+        self._check(knowledge_files(spec).run.outputs[TABLES])
+        return _table_evidence(read_knowledge(spec).of_entities(self.opened.graph.entities))
 
     def _book_source(self, spec: str) -> _Source:
         # As in the training: a zero-shot scorer may use recipes of the train part.
@@ -205,11 +195,11 @@ class OutsideEvidenceFinder:
             spec,
             self.opened,
             keep_train=self.settings.kg == "none",
-            without=[open_graph(book_name).graph for book_name in self.settings.without],
         )
         self._check(book.source.sha256)
         pairs = book.recipes[:, :2]
         results = book.recipes[:, 2]
+        labels = np.array(book.labels, dtype=object)
 
         def find(slots: _Slots) -> list[OutsideEvidence]:
             a, b, result = slots
@@ -221,12 +211,8 @@ class OutsideEvidenceFinder:
             # An ingredient with the result says more than both ingredients with another result.
             strength = 2 * (uses_any & (results == result)) + uses_both
             order = np.argsort(-strength, kind="stable")[: np.count_nonzero(strength)]
-            evidence = []
-            for row in book.recipes[order[:LIMIT]].tolist():
-                labels = [book.labels[entity] for entity in row]
-                text = str(Recipe.of(*labels))
-                evidence.append(OutsideEvidence(book.source.name, text, None))
-            return evidence
+            recipes = [Recipe.of(*row) for row in labels[book.recipes[order[:LIMIT]]]]
+            return [OutsideEvidence(book.source.name, str(recipe), None) for recipe in recipes]
 
         return find
 
@@ -270,36 +256,3 @@ def _cells(info: TableInfo, slots: _Slots) -> Iterator[tuple[int, int]]:
     for row, column in dict.fromkeys(cells):
         if row is not None and column is not None:
             yield row, column
-
-
-def _fact_evidence(files: RunFiles, knowledge: KnowledgeTables) -> _Source:
-    """Return facts that link two labels, then facts that two labels share, rarest first.
-
-    A line of the file has an entity's label, a relation's phrase, and a label or class.
-    """
-    facts_of = defaultdict[str, list[tuple[str, str]]](list)
-    for head, phrase, tail in read_rows(files, FACTS):
-        facts_of[head].append((phrase, tail))
-    frequency = Counter(chain.from_iterable(facts_of.values()))
-
-    def find(slots: _Slots) -> list[OutsideEvidence]:
-        # a + a has each fact once.
-        ids = dict.fromkeys(slot for slot in slots if slot is not None)
-        labels = [knowledge.record.entities[entity] for entity in ids]
-        links: list[str] = []
-        shared: dict[tuple[str, str], str] = {}
-        for position, head in enumerate(labels):
-            for fact in facts_of.get(head, ()):
-                phrase, tail = fact
-                text = f"{head} {phrase} {tail}"
-                if tail in labels and tail != head:
-                    links.append(text)
-                for later in labels[position + 1 :]:
-                    if fact in facts_of.get(later, ()):
-                        shared.setdefault(fact, f"{text}, like {later}")
-        # A fact that few labels share says more about these two.
-        rarest_first = sorted(shared, key=lambda fact: frequency[fact])
-        texts = links + [shared[fact] for fact in rarest_first]
-        return [OutsideEvidence(knowledge.record.source, text, None) for text in texts]
-
-    return find

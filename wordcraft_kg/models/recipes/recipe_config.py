@@ -2,23 +2,21 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Literal, get_args
+from typing import ClassVar, get_args
 
 from wordcraft_kg.base.settings import MAX_THREADS, one_of, require, whole
 from wordcraft_kg.graphs.graph_folder import TrainedOn
 from wordcraft_kg.graphs.train_samples import check_train_sample
 from wordcraft_kg.runs.config_file import RunConfig
 
-UseEncoder = Literal["auto", "on", "off"]
-"""Whether a recipe scorer has a pair encoder."""
 ENCODER_FROM = 20_000
-"""Training recipes from which `encoder` auto is on.
+"""Training recipes from which a scorer has a pair encoder.
 
 Infinite Craft gains .020 with 8 distractors from as few as 10,000 of its recipes; built-in books
 have at most 6,510, and keep their results.
 """
 ENCODER_UP_TO = 1_000_000
-"""Most training recipes with which `encoder` auto is on.
+"""Most training recipes with which a scorer has a pair encoder.
 
 An encoder takes some nine CPU minutes for a million recipes, and five folds need nine encoders.
 """
@@ -46,14 +44,11 @@ class RecipeScorerConfig:
         with_: knowledge from outside the train recipes: knowledge folders (elicit,
             import-knowledge), and other books or graph folders of any size.
             For graphs with at most 5,792 entities.
-        without: books or graph folders whose recipes are left out of the training, also of the
-            books in `with`, so that the scorer can be tested on these books; needs `kg` full.
+        without: books or graph folders whose recipes are left out of the training, so that the
+            scorer can be tested on these books; needs `kg` full, and no `with`.
         seed: root seed for rankers, pair encoder, `train_fraction` and `label_noise`.
         threads: CPU threads per fit.
-        device: torch device for the pair encoder, such as cpu or cuda.
-        encoder: whether to fit a pair encoder, which scores any result of a pair: on, off, or auto
-            for on from 20,000 to 1,000,000 training recipes; with other books of 20,000 recipes
-            and more, it learns from these books alone.
+        device: torch device for the pair encoder of large books, such as cpu or cuda.
         parts: parts of entities, for a model of sets: a table with the columns label, part and
             amount, formulas to read chemical formulas, or none. A book of larger sets than pairs
             trains such a model also without; it needs no words if there are parts.
@@ -79,7 +74,6 @@ class RecipeScorerConfig:
     seed: int = 0
     threads: int = 1
     device: str = "cpu"
-    encoder: UseEncoder = "auto"
     parts: str | None = None
 
     def __post_init__(self) -> None:
@@ -90,24 +84,19 @@ class RecipeScorerConfig:
         expected = "a whole number, 2 or more: the rankers learn on held-out folds"
         require(self, "folds", is_number and self.folds >= 2, expected)
         require(self, "allow_missing", isinstance(self.allow_missing, bool), "true or false")
-        require(self, "without", not self.without or self.kg == "full", "empty unless `kg` is full")
+        is_apart = not self.without or (self.kg == "full" and not self.with_)
+        require(self, "without", is_apart, "empty unless `kg` is full and `with` is empty")
         whole("seed", self.seed, 0)
         whole("threads", self.threads, 1, MAX_THREADS)
-        one_of("encoder", self.encoder, get_args(UseEncoder))
-        # Outside knowledge is tables of all pairs: the two are for books of other sizes.
-        is_apart = self.encoder != "on" or (not self.with_ and self.kg != "none")
-        require(self, "encoder", is_apart, "auto or off with outside knowledge (`with`)")
 
     def has_encoder(self, num_recipes: int) -> bool:
         """Return whether a scorer of so many training recipes has a pair encoder."""
-        if self.encoder != "auto":
-            return self.encoder == "on"
-        is_of_size = ENCODER_FROM <= num_recipes <= ENCODER_UP_TO
-        return is_of_size and not self.with_ and self.kg != "none"
+        # Outside knowledge is tables of all pairs: the two are for books of other sizes.
+        return ENCODER_FROM <= num_recipes <= ENCODER_UP_TO and not self.with_ and self.kg != "none"
 
     def has_encoder_of_others(self, num_recipes: int) -> bool:
         """Return whether other books of so many recipes give a scorer a pair encoder."""
-        return self.encoder == "auto" and self.kg != "none" and num_recipes >= ENCODER_FROM
+        return self.kg != "none" and num_recipes >= ENCODER_FROM
 
 
 @dataclass(frozen=True)

@@ -12,34 +12,28 @@ from typing import Any, ClassVar
 
 from threadpoolctl import threadpool_limits
 
-from wordcraft_kg.base import ArtefactError, as_values, dump_json, write_atomically
-from wordcraft_kg.base.records import Count, Hash, Record, Share
+from wordcraft_kg.base import (
+    ArtefactError,
+    Count,
+    Record,
+    Share,
+    as_values,
+    dump_json,
+    write_atomically,
+)
 from wordcraft_kg.base.tensors import torch_threads
-from wordcraft_kg.graphs.graph_folder import TrainedOn
+from wordcraft_kg.graphs import TrainedOn, describe_train_sample
 from wordcraft_kg.models.knowledge.books import OutsideSource
 from wordcraft_kg.models.knowledge.outside import describe_source
 from wordcraft_kg.models.model import History, cross_fitted_words
 from wordcraft_kg.models.recipes.recipe_config import RecipesConfig
-from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
-from wordcraft_kg.runs.record import RunFiles
+from wordcraft_kg.runs.checkpoints import Checkpoint
+from wordcraft_kg.runs.record import RunFiles, scorer_card
 from wordcraft_kg.runs.run_folder import Progress, RunFolder, RunKind
 from wordcraft_kg.runs.trackers import Log
 from wordcraft_kg.runs.training import Training
 
-FIT = "fit"
-ENCODER = "encoder"
 OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json")
-
-
-class FitDone(Record, frozen=True, kw_only=True):
-    """Record saved with a finished fit in an unfinished run.
-
-    Attributes:
-        trained_on: hash of the training triples; for models of sets, of all data. For an encoder of
-            other books, hash of the triples of the scorer that uses it.
-    """
-
-    trained_on: Hash
 
 
 class RecipeMetrics(Record, frozen=True, kw_only=True):
@@ -161,9 +155,8 @@ def read_metrics(files: RunFiles) -> RecipeMetrics | SetMetrics:
     Raises:
         ArtefactError: if the file is missing, damaged or has changed.
     """
-    if is_of_sets(files):
-        return files.record("metrics.json", SetMetrics)
-    return files.record("metrics.json", RecipeMetrics)
+    kind: type[RecipeMetrics | SetMetrics] = SetMetrics if is_of_sets(files) else RecipeMetrics
+    return files.record("metrics.json", kind)
 
 
 def recipes_history(files: RunFiles) -> History:
@@ -188,48 +181,36 @@ def made_by_other_books(sources: Sequence[OutsideSource]) -> frozenset[str] | No
     return frozenset().union(*labels) if labels else None
 
 
-class FitsTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
-    """Base of trainings that save each finished fit; a resumed run makes the missing ones.
-
-    Attributes:
-        kind: the kind of run.
-        fits: name of the parts of the training, for the message of an interruption.
-        num_fits: their number.
-    """
+class FitsTraining(Training[RecipesConfig, Record, TrainedRecipes]):
+    """Base of trainings that save each finished fit; a resumed run makes the missing ones."""
 
     kind: ClassVar[RunKind[Any]] = RunKind(
-        RecipesConfig.commands,
-        "recipes",
-        unit="part",
-        progress=FitDone,
-        saved_as=(FIT, ENCODER),
+        RecipesConfig.commands, "recipes", unit="part", progress=Record, kept=None
     )
     config_type = RecipesConfig
-    fits: ClassVar[str]
-    num_fits: int
 
     @abstractmethod
     def inputs(self) -> dict[str, str]:
         """Return the hashes of all inputs by name."""
 
     @abstractmethod
-    def make(self, run: RunFolder[FitDone], report: Progress | None) -> TrainedRecipes:
+    def make(self, run: RunFolder[Record], report: Progress | None) -> TrainedRecipes:
         """Make and save all fits that are not saved yet, and write the model folder."""
 
     def begin(  # noqa: D102 - inherited
-        self, run: RunFolder[FitDone], report: Progress | None
+        self, run: RunFolder[Record], report: Progress | None
     ) -> Mapping[str, Any]:
         return {"inputs": self.inputs()}
 
-    def restored(self, run: RunFolder[FitDone]) -> None:
-        """Return None in place of a checkpoint: a resumed run skips all saved fits."""
+    def restored(self, run: RunFolder[Record]) -> None:
+        """Return None in place of a checkpoint: a resumed run reads all saved fits."""
 
     def fit(  # noqa: D102 - inherited
         self,
-        run: RunFolder[FitDone],
+        run: RunFolder[Record],
         report: Progress | None,
         log: Log,
-        checkpoint: Checkpoint[FitDone] | None,
+        checkpoint: Checkpoint[Record] | None,
     ) -> TrainedRecipes:
         # A fit has no epochs, so `log` gets nothing, and `checkpoint` is None.
         if not run.is_live:
@@ -239,29 +220,22 @@ class FitsTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                 if sha256 != run.record.inputs.get(name):
                     raise ArtefactError(
                         f"`{name}` has changed since '{run.path}' began. Restore the earlier "
-                        "files, or train again."
+                        "files, or train again with `force`."
                     )
             run.resume(self.config)
-        # For small arrays, further threads mostly wait, at full load.
         threads = self.config.settings.threads
-        try:
-            with torch_threads(threads), threadpool_limits(threads):
-                return self.make(run, report)
-        except KeyboardInterrupt:
-            num_saved = len(saved_parts(run, FIT).records())
-            num_encoders = len(saved_parts(run, ENCODER).records())
-            encoders = f", and {num_encoders} pair encoders" if num_encoders else ""
-            raise KeyboardInterrupt(
-                f"interrupted; {num_saved} of {self.num_fits} {self.fits} are saved in "
-                f"'{run.path}'{encoders}. Repeat the command to make the rest."
-            ) from None
+        # For small arrays, further threads mostly wait, at full load.
+        with torch_threads(threads), threadpool_limits(threads):
+            return self.make(run, report)
 
     def finish(
         self,
-        run: RunFolder[FitDone],
+        run: RunFolder[Record],
         metrics: RecipeMetrics | SetMetrics,
         fold_files: Sequence[str],
-        card: str,
+        title: str,
+        answers: str,
+        usage: Sequence[str],
     ) -> TrainedRecipes:
         """Write the metrics and the model card, and end the run.
 
@@ -269,8 +243,31 @@ class FitsTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             run: the run's folder.
             metrics: of the training.
             fold_files: names of the files of models without each fold.
-            card: the README.
+            title: of the card.
+            answers: what the scorer answers.
+            usage: lines of Python that ask the scorer.
         """
+        settings = self.config.settings
+        sample = describe_train_sample(settings.train_fraction, settings.label_noise)
+        # The most special setting is described last, and stays.
+        training_data = f"{sample or 'the train recipes'} only."
+        if settings.kg == "full":
+            training_data = (
+                "all recipes, test recipes included: the scores show memory, not prediction."
+            )
+        if settings.without:
+            training_data = f"recipes that are not in {', '.join(settings.without)}."
+        if settings.kg == "none":
+            training_data = "outside knowledge only: this book's recipes are unseen."
+        card = scorer_card(
+            self.opened,
+            title,
+            f"{answers} Fitted on {training_data}",
+            metrics.facts(),
+            "`config.toml` reproduces the training; `run.json` records all versions. For the "
+            "quality on unseen recipes, run\n`wordcraft-kg evaluate-links`.",
+            usage,
+        )
         write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
         run.finish((*OUTPUTS, *fold_files), card)
         return TrainedRecipes(run.path, metrics)
@@ -280,23 +277,16 @@ class FitsTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         return TrainedRecipes(files.folder, read_metrics(files))
 
 
-def saved_parts(run: RunFolder[FitDone], name: str) -> Checkpoints[FitDone]:
-    """Return the saved fits, or the pair encoders, of a run: all are kept until it ends."""
-    return Checkpoints(run.path, name, FitDone, kept=None)
-
-
-def counter(
-    run: RunFolder[FitDone], report: Progress | None, total: int, num_done: int = 0
-) -> Callable[[], None]:
+def counter(run: RunFolder[Record], report: Progress | None, total: int) -> Callable[[], None]:
     """Return a function that reports a finished part, and ends the training after Ctrl-C.
 
     Args:
         run: the run's folder.
         report: progress callback; None reports nothing.
         total: number of all parts.
-        num_done: number of parts that an interrupted run has saved.
     """
-    numbers = count(num_done + 1)
+    # Parts that an interrupted run has saved are not made again.
+    numbers = count(1 + len(run.checkpoints.records()))
 
     def after() -> None:
         if run.interrupted.is_set():

@@ -10,14 +10,14 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import torch
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 
-from wordcraft_kg.base import ConfigError, cores
+from wordcraft_kg.base import ConfigError, Record, cores
 from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.base.tensors import check_device, torch_threads
 from wordcraft_kg.graphs import (
@@ -28,7 +28,6 @@ from wordcraft_kg.graphs import (
     RecipeGraph,
     SplitConfig,
     TrainSample,
-    describe_train_sample,
     draw_train_sample,
     is_subsample,
     make_folds,
@@ -54,14 +53,10 @@ from wordcraft_kg.models.recipes.fitting import (
 )
 from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.recipe_records import (
-    ENCODER,
-    FIT,
-    FitDone,
     FitsTraining,
     RecipeMetrics,
     TrainedRecipes,
     counter,
-    saved_parts,
 )
 from wordcraft_kg.models.recipes.set_training import SetsTraining, trains_sets
 from wordcraft_kg.models.scorers.features import named
@@ -72,7 +67,6 @@ from wordcraft_kg.models.scorers.ranker import Ranker
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.score_limits import check_table, fitting_workers
 from wordcraft_kg.models.scorers.scorer_folder import FOLD_OUTPUTS, write_folds, write_scorer
-from wordcraft_kg.runs.record import scorer_card
 from wordcraft_kg.runs.run_folder import Progress, RunFolder
 from wordcraft_kg.runs.training import Training, train
 
@@ -93,7 +87,7 @@ def train_recipes(
         progress: called after each fitting step; True shows a bar, None or False nothing.
 
     Raises:
-        KeyboardInterrupt: after Ctrl-C, with the number of saved fits.
+        KeyboardInterrupt: after Ctrl-C; the same call makes the fits that are not saved.
 
     Further errors are those of :func:`~wordcraft_kg.runs.training.train`.
 
@@ -225,7 +219,6 @@ class RecipesTraining(FitsTraining):
     """Trainer for recipe scorers.
 
     Attributes:
-        fits: name of the parts of the training.
         every: the folds that each fit leaves out, in the order of the fits.
         without: books whose recipes are left out.
         own: the graph's entities in a joint graph, shape (E,); None unless ``kg`` is none.
@@ -234,11 +227,10 @@ class RecipesTraining(FitsTraining):
         words: name of the word vectors; minilm or glove if the setting is auto.
         features: the word vectors.
         workers: sets of lists that are made at once.
-        has_encoder: whether there is a pair encoder of the training recipes.
+        encoders: the folds that each pair encoder leaves out, in the order of their fits; empty
+            without, and () alone for that of other books' recipes.
         has_encoder_of_others: whether there is one of other books' recipes.
     """
-
-    fits: ClassVar[str] = "fits"
 
     def __init__(self, config: RecipesConfig, opened: OpenedGraph):
         """Draw the cross-fitting folds, look up word vectors and open outside knowledge.
@@ -253,8 +245,6 @@ class RecipesTraining(FitsTraining):
             ArtefactError: if a folder of outside knowledge, vectors or a graph is damaged.
         """
         super().__init__(config, opened)
-        # Sets of other sizes are refused before words are looked up.
-        _ = opened.graph.recipes
         settings = config.settings
         sources = (settings.with_, opened, settings.features)
         # Outside knowledge is tables of all pairs: said before files are read and folds drawn.
@@ -275,7 +265,6 @@ class RecipesTraining(FitsTraining):
                 self.outside = open_outside(
                     *sources,
                     allow_missing=settings.allow_missing,
-                    without=self.without,
                 )
         graph = opened.graph
         self.words = named(settings.features, graph.entities)
@@ -286,7 +275,6 @@ class RecipesTraining(FitsTraining):
             self.features = words_of_books(self.words, graph.entities, allow_missing=missing)
         dim = self.features.vectors.shape[1]
         num_recipes = len(self.folds.recipes())
-        self.has_encoder = settings.has_encoder(num_recipes)
         num_other_recipes = sum(len(book.recipes) for book in self.outside.books)
         self.has_encoder_of_others = settings.has_encoder_of_others(num_other_recipes)
         if self.has_encoder_of_others:
@@ -296,11 +284,14 @@ class RecipesTraining(FitsTraining):
         # Also where no encoder uses it: a wrong name is noticed before the book grows.
         check_device(settings.device)
         num_folds = self.folds.count if settings.kg == "partial" else 0
-        single_folds = [(fold,) for fold in range(num_folds)]
-        self.every: list[LeftOut] = [(), *single_folds]
-        self.num_fits = len(self.every)
-        encoders = len(encoders_of(self.folds, self.every)) if self.has_encoder else 0
-        self.workers = fitting_workers(graph.num_entities, num_recipes, dim, cores(), encoders)
+        self.every: list[LeftOut] = [(), *((fold,) for fold in range(num_folds))]
+        self.encoders: list[LeftOut] = []
+        if settings.has_encoder(num_recipes):
+            self.encoders = encoders_of(self.folds, self.every)
+        num_encoders = len(self.encoders)
+        self.workers = fitting_workers(graph.num_entities, num_recipes, dim, cores(), num_encoders)
+        if self.has_encoder_of_others:
+            self.encoders = [()]
 
     @classmethod
     def of(  # noqa: D102 - inherited
@@ -310,10 +301,10 @@ class RecipesTraining(FitsTraining):
             return SetsTraining(config, opened)
         return cls(config, opened)
 
-    def inputs(self) -> dict[str, str]:
-        """Return the hashes of all inputs by name; two sources may have one name."""
+    def inputs(self) -> dict[str, str]:  # noqa: D102 - inherited
         settings = self.config.settings
         inputs = {"features": self.features.sha256}
+        # Two sources may have one name.
         for place, source in enumerate(self.outside.sources, 1):
             inputs[f"with {place}: {source.name}"] = source.sha256
         inputs |= {f"without {book.name}": book.hash for book in self.without}
@@ -324,77 +315,56 @@ class RecipesTraining(FitsTraining):
         return inputs
 
     def make(  # noqa: D102 - inherited
-        self, run: RunFolder[FitDone], report: Progress | None
+        self, run: RunFolder[Record], report: Progress | None
     ) -> TrainedRecipes:
         began = time.perf_counter()
-        fits = saved_parts(run, FIT)
-        saved = fits.records()
-        missing = [left_out for fit, left_out in enumerate(self.every) if fit not in saved]
-        num_lists = len(lists_of(self.folds, self.every, has_encoder=self.has_encoder))
-        encoders = encoders_of(self.folds, self.every) if self.has_encoder else []
-        total = num_lists + len(encoders) + self.has_encoder_of_others + self.num_fits
+        has_encoders = bool(self.encoders) and not self.has_encoder_of_others
+        num_lists = len(lists_of(self.folds, self.every, has_encoder=has_encoders))
+        total = num_lists + len(self.encoders) + len(self.every)
         after = counter(run, report, total)
         words = Words.of(self.features)
-        for left_out, knowledge in self._fitted(run, words, missing, after):
+        fitted = self._fitted(run, words, self._encoders(run, words, after), after)
+        for left_out, knowledge in fitted:
             # The main model has the words for all folds.
             skipped = RecipeScorer.shared if left_out else ()
             constants = knowledge.constants().items()
             tensors = {name: tensor for name, tensor in constants if name not in skipped}
-            progress = FitDone(trained_on=triples_hash(self.folds.triples(left_out)))
-            fits.save(self.every.index(left_out), tensors, progress)
+            run.checkpoints.save(self._number_of(left_out), tensors, Record())
         if report:
             report(total, total, {})
         return self._write(run, time.perf_counter() - began)
 
-    def _encoders(
-        self,
-        run: RunFolder[FitDone],
-        words: Words,
-        missing_fits: Sequence[LeftOut],
-        after: Callable[[], None],
-    ) -> dict[LeftOut, PairEncoder] | PairEncoder:
-        """Fit and save the pair encoders that the wanted fits need, or read those of a resumed run.
+    def _number_of(self, left_out: LeftOut) -> int:
+        """Return the number of a fit among the saved parts, from 1: encoders come first."""
+        return 1 + len(self.encoders) + self.every.index(left_out)
 
-        Empty if the model has no encoder; a single one if it is of other books.
+    def _encoders(
+        self, run: RunFolder[Record], words: Words, after: Callable[[], None]
+    ) -> dict[LeftOut, PairEncoder]:
+        """Return all pair encoders: saved ones, and new ones, which are fitted and saved.
 
         Args:
             run: the run's folder.
             words: word vectors of all entities.
-            missing_fits: folds to leave out, () for none.
-            after: called after each encoder.
+            after: called after each new encoder.
         """
-        every: list[LeftOut] = [()] if self.has_encoder_of_others else []
-        needed = every
-        if self.has_encoder:
-            every = encoders_of(self.folds, self.every)
-            needed = encoders_of(self.folds, missing_fits)
-        checkpoints = saved_parts(run, ENCODER)
-        saved = checkpoints.records()
-        encoders = {}
-        missing = []
-        for left_out in needed:
-            number = every.index(left_out)
-            if number in saved:
-                encoders[left_out] = PairEncoder(**checkpoints.read(number).tensors)
-            else:
-                missing.append(left_out)
+        saved = run.checkpoints.records()
+        missing = [part for number, part in enumerate(self.encoders, 1) if number not in saved]
         for left_out, encoder in self._new_encoders(run, words, missing):
-            progress = FitDone(trained_on=triples_hash(self.folds.triples(left_out)))
-            checkpoints.save(every.index(left_out), encoder._asdict(), progress)
-            encoders[left_out] = encoder
+            number = 1 + self.encoders.index(left_out)
+            run.checkpoints.save(number, encoder._asdict(), Record())
             after()
-        return encoders[()] if self.has_encoder_of_others else encoders
+        return {
+            left_out: PairEncoder(**run.checkpoints.read(number).tensors)
+            for number, left_out in enumerate(self.encoders, 1)
+        }
 
     def _new_encoders(
-        self,
-        run: RunFolder[FitDone],
-        words: Words,
-        missing: Sequence[LeftOut],
+        self, run: RunFolder[Record], words: Words, missing: Sequence[LeftOut]
     ) -> Iterator[tuple[LeftOut, PairEncoder]]:
         """Fit pair encoders; yield the folds that each leaves out, and the encoder."""
         settings = self.config.settings
-        stop = run.interrupted.is_set
-        if self.has_encoder:
+        if not self.has_encoder_of_others:
             yield from fit_encoders(
                 self.folds,
                 torch.from_numpy(words.vectors).float(),
@@ -402,7 +372,7 @@ class RecipesTraining(FitsTraining):
                 seed=settings.seed,
                 workers=self.workers,
                 device=settings.device,
-                stop=stop,
+                stop=run.interrupted.is_set,
             )
             return
         # At most one, of other books.
@@ -414,7 +384,7 @@ class RecipesTraining(FitsTraining):
                 allow_missing=settings.allow_missing,
                 seed=settings.seed,
                 device=settings.device,
-                stop=stop,
+                stop=run.interrupted.is_set,
             )
             dim = words.vectors.shape[1]
             if len(encoder.used_words) != dim:
@@ -424,30 +394,34 @@ class RecipesTraining(FitsTraining):
 
     def _fitted(
         self,
-        run: RunFolder[FitDone],
+        run: RunFolder[Record],
         words: Words,
-        missing_fits: Sequence[LeftOut],
+        encoders: dict[LeftOut, PairEncoder],
         after: Callable[[], None],
     ) -> Iterator[tuple[LeftOut, RecipeKnowledge]]:
-        """Yield the folds left out and the knowledge fitted without them, for each wanted fit.
+        """Yield the folds left out and the knowledge fitted without them, for each missing fit.
 
         Args:
-            run: the run's folder, with the encoders of an interrupted run.
+            run: the run's folder.
             words: word vectors of all entities.
-            missing_fits: folds to leave out, () for none.
-            after: called after each encoder, each set of lists and each fit.
+            encoders: pair encoders by the folds that they leave out.
+            after: called after each set of lists and each fit.
         """
         if not len(self.folds.recipes()):
             yield (), tables_alone(self.outside.tables, words)
             return
-        settings = self.config.settings
+        outside = self.outside.tables
+        if self.has_encoder_of_others:
+            outside = outside._replace(encoder=encoders[()])
+            encoders = {}
+        saved = run.checkpoints.records()
         fitted = fit_recipe_scorers(
             self.folds,
             words,
-            missing_fits,
-            outside=self.outside.tables,
-            encoders=self._encoders(run, words, missing_fits, after),
-            seed=settings.seed,
+            [left_out for left_out in self.every if self._number_of(left_out) not in saved],
+            outside=outside,
+            encoders=encoders,
+            seed=self.config.settings.seed,
             workers=self.workers,
             after=after,
         )
@@ -455,13 +429,12 @@ class RecipesTraining(FitsTraining):
             # A zero-shot scorer is fitted on a joint graph, and saved for the graph alone.
             yield left_out, knowledge if self.own is None else knowledge.of_entities(self.own)
 
-    def _write(self, run: RunFolder[FitDone], seconds: float) -> TrainedRecipes:
+    def _write(self, run: RunFolder[Record], seconds: float) -> TrainedRecipes:
         """Write the scorers from the saved fits, their metrics and the model card."""
         graph = self.opened.graph
         settings = self.config.settings
         folds = self.folds
-        fits = saved_parts(run, FIT)
-        tensors = fits.read(0).tensors
+        tensors = run.checkpoints.read(self._number_of(())).tensors
         write_scorer(run.path, RecipeScorer.kind, tensors, graph)
         record = None
         if settings.kg == "partial":
@@ -469,8 +442,8 @@ class RecipesTraining(FitsTraining):
             shared = {name: tensors[name] for name in RecipeScorer.shared}
 
             def part(fold: int) -> tuple[str, dict[str, Tensor]]:
-                fit = fits.read(fold + 1)
-                return fit.progress.trained_on, shared | fit.tensors
+                fit = run.checkpoints.read(self._number_of((fold,)))
+                return triples_hash(folds.triples([fold])), shared | fit.tensors
 
             main = RecipeScorer(tensors, graph.entities, graph.hash)
             record = write_folds(
@@ -494,41 +467,17 @@ class RecipesTraining(FitsTraining):
             fold_in_sample_mrr=record.in_sample_mrr if record else None,
             outside=self.outside.sources,
         )
-        card = _model_card(self.opened, metrics, settings.without)
-        return self.finish(run, metrics, FOLD_OUTPUTS if record else (), card)
-
-
-def _model_card(opened: OpenedGraph, metrics: RecipeMetrics, without: Sequence[str]) -> str:
-    """Return the README of a model folder.
-
-    Args:
-        opened: the graph with its split.
-        metrics: of the training.
-        without: names of books whose recipes are left out.
-    """
-    sample = describe_train_sample(metrics.train_fraction, metrics.label_noise)
-    # The most special setting is described last, and stays.
-    training_data = f"{sample or 'the train recipes'} only."
-    if metrics.kg == "full":
-        training_data = (
-            "all recipes, test recipes included: the scores show memory, not prediction."
+        # Any recipe serves as an example that runs.
+        a, b, result = graph.recipe_labels()[0]
+        return self.finish(
+            run,
+            metrics,
+            FOLD_OUTPUTS if record else (),
+            f"A recipe scorer of the {metrics.kg} knowledge graph of {graph.name}",
+            "Scores recipes, `score_recipes(a, b, result)`, and triples with the relations "
+            "`combinesWith` and `componentOf`.",
+            [
+                f"scorer.score_recipes({a!r}, {b!r}, {result!r})  # nats: higher is more plausible",
+                f"scorer.supporting_recipes({a!r}, {b!r}, {result!r})  # supporting evidence",
+            ],
         )
-    if without:
-        training_data = f"recipes that are not in {', '.join(without)}."
-    if metrics.kg == "none":
-        training_data = "outside knowledge only: this book's recipes are unseen."
-    # Any recipe serves as an example that runs.
-    a, b, result = opened.graph.recipe_labels()[0]
-    return scorer_card(
-        opened,
-        f"A recipe scorer of the {metrics.kg} knowledge graph of {opened.graph.name}",
-        "Scores recipes, `score_recipes(a, b, result)`, and triples with the relations "
-        f"`combinesWith` and `componentOf`. Fitted on {training_data}",
-        metrics.facts(),
-        "`config.toml` reproduces the training; `run.json` records all versions. For the quality "
-        "on unseen triples, run\n`wordcraft-kg evaluate-links`.",
-        [
-            f"scorer.score_recipes({a!r}, {b!r}, {result!r})  # nats: higher is more plausible",
-            f"scorer.supporting_recipes({a!r}, {b!r}, {result!r})  # supporting evidence",
-        ],
-    )

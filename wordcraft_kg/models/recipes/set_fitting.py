@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Sequence
-from hashlib import sha256
 from itertools import chain, compress
 from typing import Any, NamedTuple
 
@@ -12,11 +11,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
 
-from wordcraft_kg.base.errors import ArtefactError, GraphError
+from wordcraft_kg.base import GraphError, Record
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.models.recipes.recipe_records import FitDone
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge, Vector
 from wordcraft_kg.models.scorers.sets.networks import NAMES, Networks, fit
+from wordcraft_kg.models.scorers.sets.scorer import LIMIT
 from wordcraft_kg.runs.checkpoints import Checkpoints
 
 TOP = (1, 3, 5, 10)
@@ -29,8 +28,6 @@ _COMMITTEE = 5
 """Fewest networks of the committee; each fold has as many that have not seen it."""
 _COMMITTEE_HIDDEN = 64
 _COMMITTEE_EPOCHS = 14
-_LIMIT = 6.0
-"""Largest standardised feature."""
 _NEVER = -1e9
 
 
@@ -115,7 +112,7 @@ def fit_sets(
     *,
     seed: int,
     folds: int = 5,
-    saved: Checkpoints[FitDone] | None = None,
+    saved: Checkpoints[Record] | None = None,
     after: Callable[[], None] = lambda: None,
 ) -> FittedSets:
     """Fit a model of sets.
@@ -130,27 +127,20 @@ def fit_sets(
         after: called after each network that is fitted.
 
     Raises:
-        ArtefactError: if a saved network is damaged, or of other data.
+        ArtefactError: if a saved network is damaged.
     """
     fold_of_recipe = folds_of_recipes(recipes, folds, seed)
     lessons: list[list[Candidates]] = []
     networks = []
     whole = SetKnowledge(recipes, amounts, words)
-    data = b"".join(array.tobytes() for array in (recipes, amounts, words))
-    progress = FitDone(trained_on=sha256(data).hexdigest())
 
     def network_of(knowledge: SetKnowledge, number: int, members: int) -> Networks:
-        if saved is not None and number in saved.records():
-            checkpoint = saved.read(number)
-            if checkpoint.progress != progress:
-                raise ArtefactError(
-                    f"`parts` or words have changed since '{saved.run_folder}' began. Restore the "
-                    "earlier files, or train again with `force`."
-                )
-            return Networks.of(checkpoint.tensors, "")
+        part = 1 + number
+        if saved is not None and part in saved.records():
+            return Networks.of(saved.read(part).tensors, "")
         network = fit_network(knowledge, seed * 1_000 + number, members=members)
         if saved is not None:
-            saved.save(number, network.tensors(""), progress)
+            saved.save(part, network.tensors(""), Record())
         after()
         return network
 
@@ -278,7 +268,7 @@ def fit_order(lessons: Sequence[Candidates], fold_of_lesson: Ids, seed: int) -> 
     is_right = _padded([lesson.is_right for lesson in lessons])
     is_set = _padded([np.ones(len(lesson.sets), dtype=bool) for lesson in lessons])
     longest, num_features = features.shape[1:]
-    scaled = ((features - mean) / deviation).clamp(-_LIMIT, _LIMIT)
+    scaled = ((features - mean) / deviation).clamp(-LIMIT, LIMIT)
     # 0 for sets, and for right ones.
     never = torch.zeros(is_set.shape).masked_fill(~is_set, _NEVER)
     wrong = torch.zeros(is_set.shape).masked_fill(~is_right, _NEVER)

@@ -6,14 +6,22 @@ A book with larger sets than pairs trains such a model, and any book with the se
 import time
 from collections.abc import Sequence
 from dataclasses import fields
+from hashlib import sha256
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import safetensors.torch
 import torch
 
-from wordcraft_kg.base import ConfigError, as_values, dump_json, nearest, write_atomically
+from wordcraft_kg.base import (
+    ConfigError,
+    Record,
+    as_values,
+    dump_json,
+    nearest,
+    write_atomically,
+)
 from wordcraft_kg.base.tensors import copied
 from wordcraft_kg.graphs import (
     MOST_INGREDIENTS,
@@ -26,13 +34,10 @@ from wordcraft_kg.graphs import (
 from wordcraft_kg.models.knowledge.books import word_features
 from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.recipe_records import (
-    FIT,
-    FitDone,
     FitsTraining,
     SetMetrics,
     TrainedRecipes,
     counter,
-    saved_parts,
 )
 from wordcraft_kg.models.recipes.set_fitting import FittedSets, fit_sets, folds_of_recipes
 from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
@@ -58,10 +63,9 @@ from wordcraft_kg.models.scorers.sets.parts import (
     read_parts,
 )
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer, stored_names
-from wordcraft_kg.runs.record import scorer_card
 from wordcraft_kg.runs.run_folder import Progress, RunFolder
 
-_OF_PAIRS = ("train_fraction", "label_noise", "with_", "without", "encoder", "device")
+_OF_PAIRS = ("train_fraction", "label_noise", "with_", "without", "device")
 """Settings that models of sets do not have."""
 _FEWEST_GOALS = 10
 _WITHOUT_WORDS = {
@@ -141,14 +145,11 @@ class SetsTraining(FitsTraining):
     """Trainer for models of sets.
 
     Attributes:
-        fits: name of the parts of the training.
         features: name of the word vectors; one-hot for none.
         recipes: training recipes, shape (R, 9), (ingredients, padding -1, goal).
         parts: parts of all entities.
         words: unit vectors of all entities.
     """
-
-    fits: ClassVar[str] = "networks"
 
     def __init__(self, config: RecipesConfig, opened: OpenedGraph):
         """Read parts and words.
@@ -163,7 +164,6 @@ class SetsTraining(FitsTraining):
         super().__init__(config, opened)
         settings = config.settings
         _check_settings(settings)
-        self.num_fits = settings.folds + 1
         self.source = settings.parts or NO_PARTS
         graph = opened.graph
         allow_missing = settings.allow_missing
@@ -199,25 +199,25 @@ class SetsTraining(FitsTraining):
 
     def inputs(self) -> dict[str, str]:  # noqa: D102 - inherited
         # The input `parts` also tells that a folder holds a model of sets.
-        inputs = {"parts": self.parts.sha256}
+        words = sha256(self.words.tobytes()).hexdigest()
+        inputs = {"parts": self.parts.sha256, "features": words}
         if self.folds is not None:
             inputs["folds"] = self.folds.hash
         return inputs
 
     def make(  # noqa: D102 - inherited
-        self, run: RunFolder[FitDone], report: Progress | None
+        self, run: RunFolder[Record], report: Progress | None
     ) -> TrainedRecipes:
         settings = self.config.settings
         began = time.perf_counter()
-        saved = saved_parts(run, FIT)
         fitted = fit_sets(
             self.recipes,
             self.parts.amounts,
             self.words,
             seed=settings.seed,
             folds=settings.folds,
-            saved=saved,
-            after=counter(run, report, self.num_fits, len(saved.records())),
+            saved=run.checkpoints,
+            after=counter(run, report, settings.folds + 1),
         )
         tensors = {
             "recipes": torch.from_numpy(self.recipes),
@@ -245,7 +245,17 @@ class SetsTraining(FitsTraining):
             lost=self._shares(knowledge.lost, ~knowledge.is_kept),
             shared=self._shares(knowledge.shared, knowledge.is_kept & ~knowledge.is_key),
         )
-        return self.finish(run, metrics, fold_files, self._card(metrics))
+        graph = self.opened.graph
+        goal = graph.entities[int(self.recipes[0, -1])]
+        return self.finish(
+            run,
+            metrics,
+            fold_files,
+            f"A scorer of recipes as sets of the {metrics.kg} knowledge graph of {graph.name}",
+            "Ranks sets of one to eight ingredients for a goal, and scores any set, with "
+            "probabilities.",
+            [f"scorer.recipes({goal!r}, 5)  # sets of ids, with probabilities"],
+        )
 
     def _write_folds(
         self, folder: Path, folds: Folds, fitted: FittedSets, style_parts: Flags
@@ -275,23 +285,6 @@ class SetsTraining(FitsTraining):
         """Return values of some parts by name, the largest first."""
         parts = [part for part in np.argsort(-values, kind="stable") if is_shown[part]]
         return {self.parts.labels[part]: round(float(values[part]), 3) for part in parts}
-
-    def _card(self, metrics: SetMetrics) -> str:
-        """Return the README of the model folder."""
-        graph = self.opened.graph
-        goal = graph.entities[int(self.recipes[0, -1])]
-        data = "the train recipes only."
-        if metrics.kg == "full":
-            data = "all recipes, test recipes included: the scores show memory, not prediction."
-        return scorer_card(
-            self.opened,
-            f"A scorer of recipes as sets of the {metrics.kg} knowledge graph of {graph.name}",
-            "Ranks sets of one to eight ingredients for a goal, and scores any set, "
-            f"with probabilities. Fitted on {data}",
-            metrics.facts(),
-            "`config.toml` reproduces the training; `run.json` records all versions.",
-            [f"scorer.recipes({goal!r}, 5)  # sets of ids, with probabilities"],
-        )
 
 
 def rows_of_sets(graph: RecipeGraph, is_used: Any) -> Ids:

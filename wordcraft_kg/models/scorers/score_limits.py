@@ -117,9 +117,8 @@ def fitting_workers(
         num_bytes = fitting_bytes(num_entities, num_recipes, dim, workers, encoders)
         if num_bytes <= available:
             return workers
-    without_encoder = ", or `encoder` off" if encoders else ""
     raise ConfigError(
         f"a recipe scorer of {num_entities:,} entities and {num_recipes:,} recipes takes about "
         f"{num_bytes / 2**30:,.1f} GiB, and {available / 2**30:,.1f} GiB are there. Use shorter "
-        f"word vectors, or a smaller graph{without_encoder}."
+        "word vectors, or a smaller graph."
     )

@@ -118,7 +118,7 @@ class PairSource(FoldedSource):
             view: scale, treatment of self edges, and the tasks to score by cross-fitted scorers.
 
         Returns:
-            the source, with each task's model chosen if the view has tasks.
+            the source.
 
         Raises:
             LeakError: if a left-out model was trained on other recipes than its folds say.
@@ -145,7 +145,7 @@ class PairSource(FoldedSource):
         fold_numbers = cls.fold_numbers(scorer, view)
         if fold_numbers is not None:
             constants = {**constants, "fold_of_recipe": fold_numbers}
-        return cls(len(scorer.entities), constants, knowledge).bound(view)
+        return cls(len(scorer.entities), constants, knowledge)
 
     @classmethod
     def restored(  # noqa: D102 - inherited
@@ -163,10 +163,6 @@ class PairSource(FoldedSource):
         if link_constants:
             knowledge = RecipeKnowledge(link_constants, num_entities, num_models)
         return cls(num_entities, constants, knowledge)
-
-    @classmethod
-    def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited
-        return (len(scorer.entities) + 1) ** 2 * 4
 
     def with_key(self, states: States, key: Tensor) -> Tensor:
         """Score slots with a key entity: the goal, or a selected one.
@@ -395,11 +391,6 @@ class SetTable(Source):
         first, second = table.sets[is_pair, :2].T
         keys, order = _keys(first, second, table.results[is_pair], size).sort()
         return cls(size, keys, table.values[is_pair][order])
-
-    @staticmethod
-    def serves(scorer: TripleScorer) -> bool:
-        """Return whether a scorer has a table of sets, which this source needs."""
-        return isinstance(whole_of(scorer), SetTableScorer)
 
     @classmethod
     def restored(  # noqa: D102 - inherited

@@ -6,7 +6,7 @@ of whole sets.
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
-from typing import NamedTuple, Self
+from typing import NamedTuple, Self, cast
 
 import numpy as np
 import torch
@@ -121,9 +121,8 @@ class BestSet(FoldedSource):
 
     @classmethod
     def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> Self:  # noqa: D102 - inherited
-        models = [model for model, _ in models_of(scorer, view)]
-        set_models = [model for model in models if isinstance(model, SetScorer)]
-        return cls(len(scorer.entities), set_models, cls.fold_numbers(scorer, view)).bound(view)
+        models = [cast("SetScorer", model) for model, _ in models_of(scorer, view)]
+        return cls(len(scorer.entities), models, cls.fold_numbers(scorer, view))
 
     @classmethod
     def restored(  # noqa: D102 - inherited
@@ -271,12 +270,7 @@ class BestRecipe(FoldedSource):
             )
         size = len(scorer.entities)
         fold_numbers = cls.fold_numbers(scorer, view)
-        return cls(size, knowledge_of_models(scorer, view), fold_numbers).bound(view)
-
-    @staticmethod
-    def serves(scorer: TripleScorer) -> bool:
-        """Return whether a scorer has recipe scores, which this source needs."""
-        return isinstance(whole_of(scorer), RecipeScorer | SetScorer)
+        return cls(size, knowledge_of_models(scorer, view), fold_numbers)
 
     @classmethod
     def restored(  # noqa: D102 - inherited
@@ -334,13 +328,6 @@ class BestRecipe(FoldedSource):
             evidence.append(Evidence(partner, tuple(supporting)))
         return tuple(evidence)
 
-    def knows(self, recipes: Tensor, model: int) -> Tensor:
-        """Return a mask of the recipes (n, 3) in a model's training data, shape (n,).
-
-        A model may know fewer recipes than its folds say, if it was trained on a sample of them.
-        """
-        return self.knowledge.knows(recipes, model)
-
     def pair_scores(self, states: States, model: Tensor) -> Tensor:
         """Return scores for all slot pairs, shape (B, A, A), by models ``model``, shape (B,)."""
         return self.knowledge(states.goal, states.table, model)
@@ -349,9 +336,7 @@ class BestRecipe(FoldedSource):
         """Return :meth:`pair_scores`; trailing slots that are empty in all tables are skipped."""
         table = states.table
         slots = table.shape[1]
-        # Free slots for results are a large share of a table, and the cost of pairs is quadratic.
-        filled = (table != self.num_entities).any(0).nonzero()
-        num_filled = int(filled[-1]) + 1 if len(filled) else 0
+        num_filled = states.num_used_slots(self.num_entities)
         narrow = states._replace(table=table[:, :num_filled])
         # Everything that scores depend on. The selection is not among it.
         inputs = [states.goal, narrow.table, model]

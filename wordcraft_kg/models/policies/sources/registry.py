@@ -12,7 +12,12 @@ from wordcraft_kg.models.policies.sources import (
     source_names,
     with_letters,
 )
-from wordcraft_kg.models.policies.sources.pairs import CombinesWith, ComponentOf, SetTable
+from wordcraft_kg.models.policies.sources.pairs import (
+    CombinesWith,
+    ComponentOf,
+    PairSource,
+    SetTable,
+)
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import AS_IS, ScoreView, Source
 from wordcraft_kg.models.scorers.cross_fitting import folds_of
@@ -60,7 +65,8 @@ def tables_are_too_large(names: Iterable[str], scorer: TripleScorer) -> bool:
             tables, one for each fold and two more, do not fit into memory.
     """
     size = len(scorer.entities)
-    num_bytes = sum(source_class(name).num_bytes(scorer) for name in names)
+    num_tables = sum(issubclass(source_class(name), PairSource) for name in names)
+    num_bytes = num_tables * (size + 1) ** 2 * 4
     if num_bytes <= TABLE_LIMIT:
         folded = folds_of(scorer)
         if folded is not None:
@@ -120,4 +126,6 @@ def make_sources(
     # Not in `of_scorer`, so that no subclass can forget it.
     for source in sources:
         source.graph_hash = scorer.graph_hash
+        if view.tasks is not None:
+            source.bind(view.tasks)
     return sources

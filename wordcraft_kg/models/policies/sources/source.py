@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 import torch
@@ -167,7 +167,7 @@ class Source(nn.Module, ABC):
     @classmethod
     @abstractmethod
     def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "Source":
-        """Make slot scores from a scorer, as ``view`` says.
+        """Make slot scores from a scorer, as ``view`` says, for tasks that :meth:`bind` will set.
 
         Raises:
             ConfigError: if the scorer lacks the scores that the source needs.
@@ -186,11 +186,6 @@ class Source(nn.Module, ABC):
             ValueError: if a buffer has an unexpected type or shape, or holds a number out of range.
         """
         return cls(num_entities)
-
-    @classmethod
-    def num_bytes(cls, scorer: TripleScorer) -> int:
-        """Estimate the size of the source's buffers for a scorer, before they are computed."""
-        return 0
 
     def bind(self, tasks: TaskSet) -> None:
         """Set the tasks that ``states.task`` indexes from now on, if :attr:`reads_task`.
@@ -341,17 +336,6 @@ class FoldedSource(Source):
         # Copied, because a buffer on a shared array would change with it.
         return torch.from_numpy(folded.of_recipe.copy())
 
-    def bound(self, view: ScoreView) -> Self:
-        """Choose each task's model by :meth:`bind` if ``view`` has tasks; return this object.
-
-        Raises:
-            LeakError: if a task would be scored by a model that was trained on its recipes.
-            GraphMismatchError: if the tasks belong to another graph or split.
-        """
-        if view.tasks is not None:
-            self.bind(view.tasks)
-        return self
-
     def bind(self, tasks: TaskSet) -> None:  # noqa: D102 - inherited
         # Binding again and again is cheap, so that trainers and players bind before each use.
         if not self.reads_task or tasks.hash == self.bound_to:
@@ -432,10 +416,9 @@ def knowledge_of_models(scorer: TripleScorer, view: ScoreView) -> RecipeKnowledg
         scorer: a recipe scorer, cross-fitted or not.
         view: the tasks to score, as for :func:`models_of`, whose errors it raises.
     """
-    models = [model for model, _ in models_of(scorer, view)]
-    recipe_models = [model for model in models if isinstance(model, RecipeScorer)]
+    models = [cast("RecipeScorer", model).knowledge for model, _ in models_of(scorer, view)]
     # Stacked even if alone, because moving a module moves its tensors in place.
-    return RecipeKnowledge.stacked([model.knowledge for model in recipe_models]).cpu()
+    return RecipeKnowledge.stacked(models).cpu()
 
 
 def share_lists(sources: Iterable[Source]) -> None:

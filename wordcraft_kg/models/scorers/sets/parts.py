@@ -174,22 +174,19 @@ def parts_of_labels(
     if source not in PARSERS and not Path(source).is_file():
         names = " or ".join((NO_PARTS, *PARSERS))
         raise refuse("parts", source, f"{names}, or a table with the columns label, part, amount")
-    table = {} if source in PARSERS else _read_table(Path(source))
+    parse = PARSERS[source] if source in PARSERS else _read_table(Path(source)).get
     parts_of_entity: list[Mapping[str, float]] = []
-    missing: list[str] = []
     for label in labels:
         try:
-            parts = PARSERS[source](label) if source in PARSERS else table.get(label, {})
+            parts_of_entity.append(parse(label) or {})
         except ConfigError:
-            parts = {}
-        if not parts:
-            missing.append(label)
-        parts_of_entity.append(parts)
+            # A single label has an error of its own, which says more.
+            if len(labels) == 1:
+                raise
+            parts_of_entity.append({})
+    missing = [label for label, parts in zip(labels, parts_of_entity, strict=True) if not parts]
     if len(missing) == len(labels) or (missing and not allow_missing):
         examples = ", ".join(f"'{label}'" for label in missing[:_SHOWN])
-        # A single label has an error of its own, which says more.
-        if len(labels) == 1 and source in PARSERS:
-            PARSERS[source](labels[0])
         raise ConfigError(
             f"`parts` {source}: {counted(len(missing), 'label')} of {len(labels):,} without parts, "
             f"such as {examples}. Correct them, give a table with the columns label, part, amount, "

@@ -5,8 +5,8 @@ The user names the function each time. No folder stores a rule or loads one.
 
 import sys
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 
 import numpy as np
 
@@ -32,26 +32,23 @@ def read_rule(name: str) -> Rule:
         >>> read_rule("operator:contains")(("earth", "water"), "mud")
         False
     """
-    module_name, _, function_name = name.partition(":")
-    if not module_name or not function_name:
-        raise RuleError(f"`rule` {name!r}: expected module:function, such as my_rules:is_allowed.")
     folder = str(Path.cwd())
     # Behind all others, so that no file in the folder replaces a library.
     sys.path.append(folder)
     try:
-        function = getattr(import_module(module_name), function_name, None)
+        function = resolve_name(name)
     # A module of the user's may raise anything.
     except Exception as error:
         raise RuleError(
-            f"`rule` {name!r}: cannot import {module_name} ({reason(error)}); expected a module "
-            "that is installed, or a file in the current folder. Correct the name or the file."
+            f"`rule` {name!r}: cannot import it ({reason(error)}); expected module:function, such "
+            "as my_rules:is_allowed, of a module that is installed, or a file in the current "
+            "folder. Correct the name or the file."
         ) from error
     finally:
         sys.path.remove(folder)
     if not callable(function):
-        fault = "has no such function" if function is None else f"has a {type(function).__name__}"
         raise RuleError(
-            f"`rule` {name!r}: {module_name} {fault}; expected a function of a tuple of "
+            f"`rule` {name!r} is a {type(function).__name__}; expected a function of a tuple of "
             "ingredients and a goal. Correct the name."
         )
 

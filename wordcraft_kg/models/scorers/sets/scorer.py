@@ -26,7 +26,7 @@ from wordcraft_kg.models.scorers.sets.networks import Networks
 from wordcraft_kg.models.scorers.sets.parts import Parts
 from wordcraft_kg.models.scorers.sets.rules import Rule
 
-_LIMIT = 6.0
+LIMIT = 6.0
 """Largest standardised feature, beyond which a committee knows nothing."""
 _KEPT_GOALS = 64
 """Goals whose evidence is kept."""
@@ -322,7 +322,7 @@ class SetScorer(StoredScorer):
         """Return the committee's scores of sets at the fitted temperature, shape (n,)."""
         scaled = (torch.from_numpy(features) - self._mean) / self._deviation
         with torch.no_grad():
-            scores = self._committee(scaled.clamp(-_LIMIT, _LIMIT))[..., 0].mean(0)
+            scores = self._committee(scaled.clamp(-LIMIT, LIMIT))[..., 0].mean(0)
         return np.asarray(scores / self._temperature)
 
     def _total(self, scores: Vector) -> float:

@@ -201,8 +201,9 @@ def run_training(
             done = f"{len(values)} of {len(configs)} trainings are done"
             # Without a message, this training has no checkpoint.
             message = str(stop) or f"interrupted; {done}. Repeat the command for the rest."
-            advice = " Leave out --force, which trains all anew." if force else ""
-            raise KeyboardInterrupt(message + advice) from None
+            if force and (values or str(stop)):
+                message += " Leave out --force, which trains all anew."
+            raise KeyboardInterrupt(message) from None
         text += [*([name] if name else []), *aligned(rows_of(trained))]
     if seeds is not None:
         # A comparison of agents may begin with one, a comparison of models needs two.

@@ -200,9 +200,18 @@ def test_an_output_through_links_replaces_the_end_and_keeps_the_links(tmp_path, 
     assert [path.name for path in (tmp_path / "disk").iterdir()] == ["far"]
 
 
+def refuse_link(source, target):
+    """Link as on a file system without hard links."""
+    raise PermissionError
+
+
+@pytest.mark.parametrize("link", [os.link, refuse_link])
 @pytest.mark.parametrize("write", [to_a_folder, to_a_file])
-def test_of_two_outputs_at_once_the_second_is_refused_unless_it_is_forced(tmp_path, write):
+def test_of_two_outputs_at_once_the_second_is_refused_unless_it_is_forced(
+    tmp_path, monkeypatch, write, link
+):
     """Both have checked that nothing is there before either is complete."""
+    monkeypatch.setattr(os, "link", link)
     out = tmp_path / "out"
     with pytest.raises(OutputExistsError, match=r"another process has written '.*out'"):
         write(out, "second", force=False, meanwhile=lambda: write(out, "first", force=False))
@@ -211,6 +220,31 @@ def test_of_two_outputs_at_once_the_second_is_refused_unless_it_is_forced(tmp_pa
     write(out, "second", meanwhile=lambda: write(out, "third"))
     assert end.read_text() == "second"
     assert list(tmp_path.iterdir()) == [out]
+
+
+def test_a_file_never_takes_the_place_of_a_folder_that_was_written_meanwhile(tmp_path):
+    with pytest.raises(IsADirectoryError):
+        to_a_file(tmp_path / "out", meanwhile=lambda: to_a_folder(tmp_path / "out"))
+    assert [path.name for path in tmp_path.rglob("*")] == ["out", "graph.json"]
+
+
+def test_the_working_folder_may_be_replaced(tmp_path, monkeypatch):
+    to_a_folder(tmp_path, "old")
+    monkeypatch.chdir(tmp_path)
+    to_a_folder(Path())
+    assert (tmp_path / "graph.json").read_text() == "new"
+
+
+def test_a_folder_that_cannot_be_written_leaves_the_earlier_one(tmp_path, monkeypatch):
+    def replace(staged, target):
+        raise PermissionError("busy")
+
+    to_a_folder(tmp_path / "out", "old")
+    monkeypatch.setattr(os, "replace", replace)
+    with pytest.raises(PermissionError):
+        to_a_folder(tmp_path / "out")
+    assert (tmp_path / "out/graph.json").read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
 def test_folders_of_a_failed_output_disappear_and_those_with_content_stay(tmp_path):

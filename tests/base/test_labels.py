@@ -353,6 +353,7 @@ FORMS = (  # all mean number + necklace
     "number + necklace (abacus)",
     "\\boxed{number + necklace}",
     "$\\boxed{\\text{number + necklace}}$",
+    "$\\boxed{\\boxed{number + necklace}}$",
     "$\\boxed{\\text{number} + \\text{necklace}}$",
     "$$number + necklace$$",
     "\\text{number} + \\text{necklace}",

@@ -116,10 +116,11 @@ def test_a_file_of_results_is_shown(run, file):
     done = run("reproduce", file, "--show")
     assert done.code == 0
     lines = done.out.splitlines()
-    assert lines[0] == "Graphs: success on test tasks"
-    assert lines[2].startswith("kitchen, by-recipe  no graph  3      0.133 [")
-    assert "  +0.600 [" in lines[3]
-    assert " <.001 " in lines[3]
+    assert lines[:2] == ["Graphs: success on test tasks", "kitchen, by-recipe (5 test tasks)"]
+    assert lines[3].startswith("no graph  3      0.133 [")
+    assert "  +0.600 [" in lines[4]
+    assert lines[4].endswith("  <.001")
+    assert len(lines[4]) < 80
 
 
 def test_json_has_all_figures_and_the_report(printed, run, file, tmp_path):

@@ -100,7 +100,8 @@ _SIGN = re.compile(r"\s*\+\s*")
 _BLANK = re.compile(r"\s+")
 _NUMBERS = re.compile(r"\d+(?:\s+\d+)+", re.ASCII)
 _BRACES = r"\{(?:[^{}]|\{[^{}]*+\})*+\}"
-_BOXED = re.compile(rf"\\boxed\s*\{{((?:[^{{}}]|{_BRACES})*+)\}}")
+# A look ahead, so that a box in a box is one, too.
+_BOXED = re.compile(rf"(?=\\boxed\s*\{{((?:[^{{}}]|{_BRACES})*+)\}})")
 _LATEX_TEXT = re.compile(r"\\(?:text|textbf|textit|mathrm|mathbf|mbox)\s*\{([^{}]*)\}")
 _LATEX_MARK = re.compile(r"\\[()\[\], ]|\\q?quad\b|\$")
 _AROUND = r"[\s*_`'\"“”‘’«»()\[\]]*"

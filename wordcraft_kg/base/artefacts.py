@@ -405,7 +405,7 @@ def staged_file(out: Path, *, force: bool = False) -> Iterator[Path]:
     """
     check_output_file(out, force=force)
     # The name as given: formats and titles come from it.
-    with _staged(out, with_a_name(out).name, force=force) as staging:
+    with _staged(out, out.name, force=force) as staging:
         yield staging
 
 
@@ -461,7 +461,7 @@ def _staged(out: Path, name: str = "", *, force: bool) -> Iterator[Path]:
     Raises:
         OutputExistsError: if another process has written ``out`` since it was checked.
     """
-    target = output_target(out)
+    target = with_a_name(output_target(out))
     with made_folder(target.parent):
         temporary = _beside(target)
         earlier = _beside(target)
@@ -469,11 +469,18 @@ def _staged(out: Path, name: str = "", *, force: bool) -> Iterator[Path]:
         try:
             staged = temporary / name
             yield staged
-            if target.exists() and not force:
-                raise _written_meanwhile(out)
+            if not force:
+                try:
+                    # Unlike a rename, a link replaces nothing.
+                    os.link(staged, target)
+                    return
+                except OSError:  # of a folder, or on a file system without hard links
+                    if os.path.lexists(target):
+                        raise _written_meanwhile(out) from None
             try:
-                # A rename replaces a file, but no folder with content.
-                if target.is_dir():
+                # A rename replaces a file, but no folder with content. A file never takes the place
+                # of a folder.
+                if force and not name and target.is_dir():
                     os.rename(target, earlier)
                 os.replace(staged, target)
             except BaseException as error:
@@ -484,7 +491,9 @@ def _staged(out: Path, name: str = "", *, force: bool) -> Iterator[Path]:
                 raise
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
-            shutil.rmtree(earlier, ignore_errors=True)
+            # An earlier folder that could not be restored stays.
+            if target.exists():
+                shutil.rmtree(earlier, ignore_errors=True)
 
 
 def _written_meanwhile(out: Path) -> OutputExistsError:

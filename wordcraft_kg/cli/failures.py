@@ -138,7 +138,10 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
     if isinstance(error, OSError):
         # Outputs are written at once or not at all, so nothing is half changed.
         file_name = f"'{error.filename}': " if error.filename else ""
-        return Failure(kind, f"{file_name}{error.strerror or error}. Nothing was changed.")
+        message = f"{file_name}{error.strerror or error}. Nothing was changed."
+        if any("pystow" in place.filename for place in traceback.extract_tb(error.__traceback__)):
+            message += " Set PYSTOW_HOME, PyKEEN's folder, to one with write permission."
+        return Failure(kind, message)
     if isinstance(error, RuntimeError) and str(error).startswith(_NO_HOME):
         return Failure(
             kind,

@@ -377,16 +377,19 @@ def _first(lines: list[str], rest: str) -> list[str]:
 
 
 def _lines_of(view: "StudyView", table: Path | None, *, force: bool = False) -> Iterator[str]:
-    """Yield the report's table and verdicts on claims as text; write the table to a file."""
+    """Yield success at each grid point and verdicts on claims; write the table to a file."""
     from wordcraft_kg.studies.report import tables_of
 
     rows = []
-    for point, shown in zip(view.points, tables_of(view), strict=True):
-        for row in shown.rows:
-            cells = zip(shown.headings, row, strict=True)
-            rows.append({"at": point.title, **dict(cells), "tasks": point.tasks})
     yield f"{view.title}: success on test tasks"
-    yield from text_table(rows)
+    for point, shown in zip(view.points, tables_of(view), strict=True):
+        cells = [dict(zip(shown.headings, row, strict=True)) for row in shown.rows]
+        rows += [{"at": point.title, **row, "tasks": point.tasks} for row in cells]
+        yield f"{point.title} ({counted(point.tasks, 'test task')})"
+        # A terminal is narrow: what says more about the trainings is in the report.
+        yield from text_table(
+            [{name: row[name] for name in row if name not in _OF_TRAININGS} for row in cells]
+        )
     compared = f"; differences to {view.reference}, p corrected by Holm" if view.comparisons else ""
     yield f"intervals: 95 % over {view.resampled}{compared}"
     if view.claims:
@@ -398,6 +401,10 @@ def _lines_of(view: "StudyView", table: Path | None, *, force: bool = False) -> 
         training = f"{first.variant}, seed {first.seed}"
         yield f"{number} without results; the first, {training}: {first.why}"
     yield from write_table(table, rows, force=force)
+
+
+_OF_TRAININGS = ("success [seeds]", "train", "MRR", "reached after")
+"""Columns of the report, on trainings and their spread, that the text leaves out."""
 
 
 def _rows_of_claims(claims: Sequence[ClaimVerdict]) -> Iterator[tuple[str, str]]:

@@ -175,6 +175,7 @@ def run_training(
         lacks_report = isinstance(config, AgentConfig) and not (folder / REPORT).exists()
         return seeds is not None or lacks_report
 
+    trackers = list(dict.fromkeys(split_labels(track or ())))
     values: dict[str, dict[str, Any]] = {}
     text: list[str] = []
     # One by one: each seed's report is there before the next training begins.
@@ -186,20 +187,23 @@ def run_training(
                 out and out / name,
                 force=force,
                 keep=is_kept,
-                trackers=split_labels(track or ()),
+                trackers=trackers,
                 progress=output.progress(name or trainer.kind.name, unit=trainer.kind.unit),
             )
+            # Other trainings raise by themselves, and their outcomes have no such attribute.
+            if getattr(trained, "interrupted", False):
+                last = next(iter(trainer.kind.checkpoints(trained.folder).records()))
+                raise KeyboardInterrupt(
+                    interruption_message(trained.folder, trainer.kind.unit, last)
+                )
+            values[name.removeprefix("seed-")] = _values(trained, seed_config)
         except KeyboardInterrupt as stop:
-            done = (
-                f"{len(values)} of {len(configs)} seeds are done" if values else "nothing is kept"
-            )
-            # Without a message, this seed has no checkpoint.
-            raise KeyboardInterrupt(str(stop) or f"interrupted; {done}") from None
-        # Other trainings raise by themselves, and their outcomes have no such attribute.
-        if getattr(trained, "interrupted", False):
-            last = next(iter(trainer.kind.checkpoints(trained.folder).records()))
-            raise KeyboardInterrupt(interruption_message(trained.folder, trainer.kind.unit, last))
-        values[name.removeprefix("seed-")] = _values(trained, seed_config)
+            done = f"{len(values)} of {len(configs)} trainings are done"
+            # Without a message, this training has no checkpoint.
+            message = str(stop) or f"interrupted; {done}. Repeat the command for the rest."
+            if force and (values or str(stop)):
+                message += " Leave out --force, which trains all anew."
+            raise KeyboardInterrupt(message) from None
         text += [*([name] if name else []), *aligned(rows_of(trained))]
     if seeds is not None:
         # A comparison of agents may begin with one, a comparison of models needs two.

@@ -41,7 +41,7 @@ Names = Mapping[str, str | None]
 """Names by id; None for an id of several names."""
 _OWN_NAMES = "ingredient_a,ingredient_b,result"
 _WITHOUT_BRACKETS = (
-    "leave its brackets out, in Python "
+    "leave its brackets out; of labels in quotes, in Python "
     """table["ingredients"].map(lambda cell: ";".join(ast.literal_eval(cell)))."""
 )
 OWN_COLUMNS = (

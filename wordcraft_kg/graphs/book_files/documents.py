@@ -570,7 +570,7 @@ def _candidate(
     way_paths = (*way.parts, *way.results)
     facts = [(*way.parts[0][:-1], f".{name}") for name in (KIND, QUANTITIES)]
     facts = [path for path in facts if path in cells and path not in way_paths]
-    read_paths = {*way_paths, *facts}
+    read_paths = {path[:end] for path in (*way_paths, *facts) for end in range(len(path) + 1)}
     ignored_paths = [path for path in cells if path not in read_paths and path[-1:] != (KEY,)]
     raws = list(_raws(document, way, facts))
     joiner: str | None = ""

@@ -310,6 +310,37 @@ REFUSED = {
         cells("a,b,result", lambda a, b, c: f"{a} or oak", second, result),
         "holds a choice",
     ),
+    "pairs below the name of a list": (
+        {"data": {f"{a},{b}": c for a, b, c in ROWS}},
+        "--columns '{}{key},{}{}'",
+    ),
+    "triples below the name of a list": ({"data": ROWS}, NO_WORDS),
+    "numbers of pieces that are ids as well": (
+        {
+            "items": [{"id": IDS[n], "name": n} for n in NAMES],
+            "recipes": {c: [[a, 2], [b, 1]] for a, b, c in ROWS},
+        },
+        "a number beside a name",
+    ),
+    "ids of things that have no row": (
+        cells(
+            "id,name,input 1 id,input 2 id",
+            *(lambda a, b, c: str(IDS[c]), result),
+            *(lambda a, b, c: str(IDS[a]), lambda a, b, c: str(IDS[b])),
+        ),
+        "is the id of nothing here",
+    ),
+    "ids beside numbers of pieces": (
+        [{"first": IDS[a], "second": IDS[b], "result": f"2 {c}"} for a, b, c in ROWS],
+        "is the id of nothing here",
+    ),
+    "markup in another column of results": (
+        cells(
+            "needs,title,makes",
+            *(lambda a, b, c: f"{a} + {b}", lambda a, b, c: f"**{c}**", first),
+        ),
+        "has quotes or markup",
+    ),
     "emoji before names of results": (
         cells("a,b,result", first, second, lambda a, b, c: f"\N{FIRE} {c}"),
         "with other signs",

@@ -41,7 +41,7 @@ Names = Mapping[str, str | None]
 """Names by id; None for an id of several names."""
 _OWN_NAMES = "ingredient_a,ingredient_b,result"
 _WITHOUT_BRACKETS = (
-    "leave its brackets out, in Python "
+    "leave its brackets out; of labels in quotes, in Python "
     """table["ingredients"].map(lambda cell: ";".join(ast.literal_eval(cell)))."""
 )
 OWN_COLUMNS = (
@@ -100,6 +100,8 @@ def labels_in(value: Any, beside: dict[str, list[Any]]) -> list[str] | None:
     if is_number(value):
         return [f"{NUMBER}{value}"]
     if isinstance(value, list):
+        if _has_numbers_beside_names(value):
+            return None
         parts = [None if isinstance(part, list) else labels_in(part, beside) for part in value]
         return None if None in parts else list(chain.from_iterable(filter(None, parts)))
     if not isinstance(value, dict) or any(isinstance(part, list | dict) for part in value.values()):
@@ -110,6 +112,12 @@ def labels_in(value: Any, beside: dict[str, list[Any]]) -> list[str] | None:
     for key in value.keys() - {name}:
         beside.setdefault(key, []).append(value[key])
     return labels_in(value[name], beside)
+
+
+def _has_numbers_beside_names(values: Iterable[Any]) -> bool:
+    """Return whether some values are names and others numbers, such as a name and its pieces."""
+    values = [value for value in values if isinstance(value, str) or is_number(value)]
+    return 0 < sum(isinstance(value, str) for value in values) < len(values)
 
 
 def find_joiner(cells: Sequence[str], *, in_all: bool = False) -> str | None:
@@ -217,6 +225,11 @@ def rows_of_raw(raw: Raw, joiner: str | None, beside: dict[str, list[Any]]) -> I
             raise _UnsureError(
                 f"a blank cell before {filled!r:.80}, as where cells were merged; fill it, or "
                 "write a single ingredient first."
+            )
+        if _has_numbers_beside_names(raw.parts):
+            raise _UnsureError(
+                f"{shown(raw.parts)} has a number beside a name, which may be its number of pieces;"
+                " name the names with --columns, such as '[].ingredients[][0],[].name'."
             )
         is_alone = len(raw.parts) == 1
         part_texts = [_pieces(value, joiner, beside, is_alone=is_alone) for value in raw.parts]
@@ -358,8 +371,12 @@ def read_labels(
     uses.update(row.result for row in rows)
     labels = FileLabels()
     name_of = _names_of(uses, names)
+    are_ids = any(map(is_number, name_of))
+    no_ids = {*name_of, *name_of.values()}
     for text in uses:
         name = name_of.get(text, text)
+        if are_ids and is_number(text) and text not in no_ids:
+            name = f"{NUMBER}{text}"
         if is_given:
             name = (name or text).removeprefix(NUMBER)
         if name is None or name.startswith(NUMBER):
@@ -408,7 +425,8 @@ def _are_counts(
     num_counted = sum(uses[text] for text in bare)
     if num_counted < max(_CLEAR * uses.total(), 1):
         return False
-    label_of = {text: bare[text][0] if text in bare else labels.label_of[text] for text in uses}
+    names = {**labels.label_of, **{text: label for text, (label, _) in bare.items()}}
+    label_of = {text: names.get(text, text) for text in uses}  # an id of nothing has no label
     # A sign, or the same label with another number, or none; else such as 7 Up.
     forms = Counter(label_of.values())
     clear_texts = [text for text in bare if _SIGN.search(text) or forms[label_of[text]] > 1]

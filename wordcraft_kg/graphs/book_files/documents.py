@@ -84,6 +84,7 @@ _STEP = re.compile(r"\[\d*\]|\{(?:key)?\}|\.?((?:\\.|[^.\[\]{}\\])+)")
 MOST_STEPS = 50
 """Steps of the longest path."""
 _MOST_ROWS = 1_000_000  # of lists that are combined with each other
+_FEW_BELOW = 2  # recipes below a key
 _DENSE = 0.5  # share of an object's keys that its siblings have as well
 _MOST_PATHS = 12  # in a refusal
 _MOST_WAYS = 60  # that are tried
@@ -503,18 +504,37 @@ def _ways_by_keys(cells: Columns, path: Path) -> Iterator[Way]:
     key = (*path, KEY)
     are_lists = [isinstance(cell, list) for cell in cells[path]]
     pairs = list(chain.from_iterable(cell for cell in cells[path] if isinstance(cell, list)))
+    texts = chain(chain.from_iterable(labels_in(pair, {}) or () for pair in pairs), cells[path])
     if all(are_lists) and all(isinstance(pair, list) for pair in pairs):
-        yield Way((path,), (key,), is_named=False)
+        is_label = _are_labels(cells[key], len(pairs), texts)
+        yield Way((path,), (key,), is_named=False, is_documented=is_label)
         if set(map(len, pairs)) == {2}:
             # Or a partner and what it makes.
             partner, made = ((*path, EACH, f"[{place}]") for place in range(2))
             yield Way((key, partner), (made,), is_documented=False)
-    elif path[-2:] == (VALUES, VALUES):
+    elif (
+        path[-2:] == (VALUES, VALUES)
+        and not find_joiner(cells[key])
+        and _are_labels(cells[(*path[:-1], KEY)], len(cells[path]), chain(cells[key], texts))
+    ):
         yield Way(((*path[:-1], KEY), key), (path,), is_named=False)
     else:
         # Labels below a key may be anything about it.
         yield Way((path,), (key,), is_documented=False)
         yield Way((key,), (path,), is_documented=False)
+
+
+def _are_labels(keys: Sequence[str], num_recipes: int, texts: Iterable[Any]) -> bool:
+    """Return whether keys are things of the recipes below them, not only names of lists.
+
+    Args:
+        keys: the keys.
+        num_recipes: number of recipes; a few for each key need no other sign.
+        texts: what else is in the recipes.
+    """
+    if num_recipes <= _FEW_BELOW * len(keys):
+        return True
+    return not set(keys).isdisjoint(text for text in texts if isinstance(text, str))
 
 
 def _orders(cells: Columns) -> Iterator[Way]:
@@ -550,7 +570,7 @@ def _candidate(
     way_paths = (*way.parts, *way.results)
     facts = [(*way.parts[0][:-1], f".{name}") for name in (KIND, QUANTITIES)]
     facts = [path for path in facts if path in cells and path not in way_paths]
-    read_paths = {*way_paths, *facts}
+    read_paths = {path[:end] for path in (*way_paths, *facts) for end in range(len(path) + 1)}
     ignored_paths = [path for path in cells if path not in read_paths and path[-1:] != (KEY,)]
     raws = list(_raws(document, way, facts))
     joiner: str | None = ""

@@ -15,7 +15,7 @@ from pathlib import Path
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs.book_files.cells import FileLabels, is_number, odd_label
 from wordcraft_kg.graphs.book_files.rows import Entry, Fault, Row, refusal
-from wordcraft_kg.graphs.book_files.words import Way, words_of
+from wordcraft_kg.graphs.book_files.words import Way, is_name, words_of
 from wordcraft_kg.graphs.recipes import Reading
 
 ELEMENTS = words_of(
@@ -151,6 +151,15 @@ class ReadingCandidate:
         is_better = self.hangs_together and not best.hangs_together
         return is_better and self.contradictions <= best.contradictions
 
+    def is_damaged_rival_of(self, best: "ReadingCandidate") -> bool:
+        """Return whether other results of the same ingredients may be right, but have faults."""
+        if not self.texts.faults or self.way.parts != best.way.parts or self is best:
+            return False
+        num_faults = sum(isinstance(entry, Fault) for entry in self.entries)
+        has_name = self.way.is_named or is_name(self.way.results[0][-1][1:])
+        is_fault_of_form = has_name and num_faults > len(self.rows)
+        return is_fault_of_form or (not self.is_like(best) and self.is_rival_of(best))
+
     def is_like(self, other: "ReadingCandidate") -> bool:
         """Return whether two readings share most of their recipes."""
         smaller = min(len(self.recipes), len(other.recipes))
@@ -195,6 +204,10 @@ def choose(
     # Of two readings of the same recipes, the one that lacks none; of equal ones the best.
     alike = [best, *(reading for reading in documented if reading.is_like(best))]
     best = max(alike, key=lambda reading: len(reading.recipes))
+    # Another column of results, whose cells have to be mended first, may be the right one.
+    damaged = [reading for reading in candidates if reading.is_damaged_rival_of(best)]
+    if damaged:
+        return damaged[0]
     rivals = [
         reading
         for reading in (*documented, *further_readings)

@@ -53,7 +53,7 @@ _EVEN = 0.9  # share of rows with the most frequent number of cells
 _FEWEST_BELOW = 3  # rows below a header of other words
 _HEADER_ROWS = 6  # first rows among which the header is
 _COMMENT = re.compile(r"//|#(?:\s|$)|#\s*(?:base|entities)\s*:", re.IGNORECASE)
-_RULE = re.compile(r"[-=+:\s|]*[-=]{2,}[-=+:\s|]*|[-=+:\s|]*:[-=][-=+:\s|]*")
+_RULE = re.compile(r"(?=.*[|+])(?:[-=+:\s|]*[-=]{2,}|[-=+:\s|]*:[-=])[-=+:\s|]*")
 """The line below the header of a table in Markdown or Org."""
 
 
@@ -278,7 +278,9 @@ def read_table(
     if not source.is_exact:
         sample = [line for _, line in lines[:_SAMPLE_ROWS] if line.strip()]
         if any(_RULE.fullmatch(line.strip()) for line in sample):
-            remedy = r"Without frame: sed -n '/--/d; s/^ *| *//; s/ *| *$//p' b.md > c.csv."
+            remedy = (
+                "Without frame: sed -n '/[^-+:=| ]/{s/^ *| *//; s/ *| *$//; /|/p;}' b.md > c.csv."
+            )
             raise refusal(path, "a table of Markdown, which is not read", "table", remedy)
         delimiter = delimiter or _guess_delimiter(path, sample, usual)
     source.reading = Reading(shape="table", delimiter=delimiter or usual)
@@ -422,12 +424,11 @@ def read_lines(path: Path, text: str) -> tuple[FileRows, Document]:
             message = f"{sample} has no sign such as = or ->, or several; expected a + b = c."
             document.others.append(Fault(number, "row", message, "no sign"))
         elif "+" in sides[1]:
-            raise refusal(
-                path,
-                f"line {number} has a sum behind its sign",
-                "lines",
-                "The result is last: sed -E 's/(.*) = (.*)/\\2 = \\1/' b.txt > c.txt.",
-            )
+            sign = _SIGN.findall(line)[0]
+            remedy = f"The result is last: sed -E 's/(.*){sign}(.*)/\\2 {sign} \\1/' b.txt > c.txt."
+            if "+" in sides[0] or document.value:
+                remedy = "Write a sum, a sign and the results on each line, these between commas."
+            raise refusal(path, f"line {number} has a sum behind its sign", "lines", remedy)
         else:
             document.places.append(number)
             results = [result.strip() for result in sides[1].split(",")]

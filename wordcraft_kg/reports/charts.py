@@ -378,7 +378,8 @@ def curves(
         if percent:
             axes.set_ylim(0, 1)
             axes.yaxis.set_major_formatter(_percent())
-        axes.set_xlim(left=0)
+        # Of a curve that has only begun, the axis would show thousandths of a step.
+        axes.set_xlim(0, max(1, axes.get_xlim()[1]))
         axes.locator_params("x", nbins=5, integer=True)
         # Thousands (k) and millions (M) of steps.
         axes.xaxis.set_major_formatter(EngFormatter(sep=""))

@@ -150,6 +150,16 @@ def test_damaged_figures_are_noticed_and_made_again(done, tmp_path, caplog):
     assert figures(done) == before
 
 
+def test_a_damaged_graph_is_named_with_what_to_do(done, tmp_path):
+    shutil.copytree(done, tmp_path, dirs_exist_ok=True)
+    task = small_plan().tasks[small_plan().runs[0]]
+    (the("graphs", small_plan()).folder(tmp_path) / "graph.json").write_text("{")
+    shutil.rmtree(task.folder(tmp_path))
+    remedy = "remove the damaged task's folder"
+    assert remedy in perform(task, tmp_path).error
+    assert all(remedy in gap.why for gap in collect_study(tmp_path, "small").missing[1:])
+
+
 def test_a_failure_stops_nothing_but_what_needs_it_and_is_tried_again(tmp_path):
     plan = small_plan()
     broken = the("scorers", plan).address
@@ -305,6 +315,7 @@ def forged(**changes):
 FORGERIES = {
     "success above": (forged(success={"test": 0.99}), "but 'won' gives 0.5"),
     "a task won more": (forged(won="5" + ALL_WON[1:]), "but 'won' gives 0.50"),
+    "a task more": (forged(won=ALL_WON + "4", success={"test": 0.5}), "all test tasks of"),
     "no digits": (forged(won="zz"), "matching regex"),
     "line break": (forged(won=ALL_WON + "\n"), "matching regex"),
     "endless tables": (forged(distractor_seeds=1e308), "Expected 'int', got 'float'"),

@@ -360,7 +360,9 @@ def _reported(
     reasons = [f"  {title}: {error}" for title, error in failures.items()]
     text += _first(reasons, "--json lists all")
     if not results.runs:
-        return values, text
+        # Failures say why already; results may be there, but not their graph.
+        reasons = [f"no report: {gap.why}" for gap in results.missing if not failures]
+        return values, [*text, *reasons[:1]]
     view = view_study(results)
     page, *_ = write_study_report(view, folder, force=True)
     # After the report, which replaces the folder; small enough to keep with the page.

@@ -258,12 +258,16 @@ def _pictures_of_slices(view: AgentsView) -> dict[Slice, charts.Chart]:
     pictures: dict[Slice, charts.Chart] = {}
     for key, (_, axis) in _SLICES.items():
         rows: list[tuple[str, charts.Estimate]] = []
-        for agent in view.agents:
+        numbers: list[int] = []
+        for number, agent in enumerate(view.agents):
             ending = f", {agent.name}" if len(view.agents) > 1 else ""
             for row in agent.slices.get(key, ()):
                 group = row.slice.removeprefix(OTHER_BOOK)
                 rows.append((f"{group}{ending}", (row.success, *row.ci)))
+                numbers.append(number)
         if rows:
             measure = f"success on {view.part} tasks, by {axis}"
-            pictures[key] = charts.intervals(rows, measure, f"Success by {axis}", percent=True)
+            pictures[key] = charts.intervals(
+                rows, measure, f"Success by {axis}", percent=True, numbers=numbers
+            )
     return pictures

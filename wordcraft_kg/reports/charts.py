@@ -378,7 +378,8 @@ def curves(
         if percent:
             axes.set_ylim(0, 1)
             axes.yaxis.set_major_formatter(_percent())
-        axes.set_xlim(left=0)
+        # Of a curve that has only begun, the axis would show thousandths of a step.
+        axes.set_xlim(0, max(1, axes.get_xlim()[1]))
         axes.locator_params("x", nbins=5, integer=True)
         # Thousands (k) and millions (M) of steps.
         axes.xaxis.set_major_formatter(EngFormatter(sep=""))
@@ -397,6 +398,7 @@ def intervals(
     *,
     reference: float | None = None,
     percent: bool = False,
+    numbers: Sequence[int] = (),
 ) -> Chart:
     """Draw estimates with whiskers, one in a row, with the value at the right.
 
@@ -406,13 +408,16 @@ def intervals(
         description: text alternative for people who do not see the chart.
         reference: value of a dashed vertical line, or None.
         percent: the estimates are shares, shown as percentages.
+        numbers: number of each row's colour, so that the same thing has the same colour in several
+            rows and charts; empty gives each row its own.
     """
     form = ".1%" if percent else ".3f"
 
     def draw(axes: "Axes") -> None:
         beside = axes.get_yaxis_transform()
         for number, (_, value) in enumerate(rows):
-            _draw_estimate(axes, value, (number, None, None), number)
+            colour = numbers[number] if numbers else number
+            _draw_estimate(axes, value, (number, None, None), colour)
             axes.text(1.03, number, f"{value[0]:{form}}", transform=beside, va="center")
         if reference is not None:
             axes.axvline(reference, color=LIGHT["soft"], linestyle="--", linewidth=1)

@@ -11,7 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
 
-from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError, reason
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    ConfigError,
+    OutputExistsError,
+    WordCraftKGError,
+    reason,
+)
 from wordcraft_kg.graphs import (
     OpenedGraph,
     PlayedGraph,
@@ -28,6 +34,7 @@ from wordcraft_kg.runs.training import train
 from wordcraft_kg.studies.plan import Kind, Outcome, Task, agent_config, content_of, scorer_config
 from wordcraft_kg.studies.results import (
     METRICS_FILE,
+    REMAKE,
     RunMetrics,
     ScorerMetrics,
     TaskMetrics,
@@ -117,6 +124,9 @@ def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
         is_finished = _scorer(task, root) if task.kind == "scorers" else _run(task, root, keep_all)
     except KeyboardInterrupt:
         return Outcome(task.address, "interrupted")
+    except (ArtefactError, OutputExistsError) as error:
+        # The error's own remedy is that of a single training.
+        return Outcome(task.address, "failed", f"{error} {REMAKE}", _is_disk_full(error))
     except WordCraftKGError as error:
         return Outcome(task.address, "failed", str(error), disk_full=_is_disk_full(error))
     except Exception as error:
@@ -127,11 +137,11 @@ def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
 
 
 def _check_content(task: Task) -> None:
-    """Raise ArtefactError for other vectors than those of the address, which has their hash."""
+    """Raise ConfigError for other vectors than those of the address, which has their hash."""
     features = task.settings["settings"].get("features")
     planned = task.settings.get("content")
     if planned is not None and content_of(features)["content"] != planned:
-        raise ArtefactError(
+        raise ConfigError(
             f"the vectors of '{features}' have changed since the study was planned, or are others "
             "on this machine; repeat the command."
         )

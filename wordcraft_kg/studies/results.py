@@ -283,6 +283,8 @@ def results_text(results: StudyResults) -> str:
 
 
 METRICS_FILE = "figures.json"
+REMAKE = "In a results folder, remove the damaged task's folder and repeat the command."
+"""What to do about a damaged task; with damaged metrics alone it is repeated unasked."""
 F = TypeVar("F", bound=Record)
 
 
@@ -487,7 +489,11 @@ def collect_study(root: Path, name: str) -> StudyResults:
     @cache
     def groups_at(graph: str, config: WordCraftConfig) -> tuple[int, ...]:
         """Return the resampling group of each played task, numbered by first appearance."""
-        every = World(open_graph(str(root / graph)), config).groups
+        try:
+            opened = open_graph(str(root / graph))
+        except ArtefactError as error:
+            raise ArtefactError(f"{error} {REMAKE}") from error
+        every = World(opened, config).groups
         # Of very many tasks, an even sample is played.
         played = every[:: distance_of(len(every), MOST_TASKS)].tolist()
         numbers = {group: number for number, group in enumerate(dict.fromkeys(played))}
@@ -511,6 +517,11 @@ def collect_study(root: Path, name: str) -> StudyResults:
             # The tasks are unknown if the graph's folder was removed.
             if (root / graph).exists():
                 group_of_task = groups_at(graph, _played_config(cell.settings))
+                if len(figures.won) != len(group_of_task):
+                    raise ArtefactError(
+                        f"{root / address} has results of {len(figures.won):,} tasks; expected "
+                        f"{len(group_of_task):,}, all test tasks of {root / graph}. {REMAKE}"
+                    )
                 number = groups.setdefault(group_of_task, len(groups))
             if scorer is not None and scorer not in scorers:
                 scorers[scorer] = read_metrics(root / scorer, ScorerMetrics)

@@ -1,6 +1,7 @@
 """Explained actions: against evaluated episodes, against the formula in loops, and in several
 threads."""
 
+import copy
 from functools import cache
 from itertools import combinations_with_replacement
 
@@ -369,6 +370,16 @@ def test_a_scorer_without_folds_has_in_sample_recipes(made, kg, model):
         assert (found.model, found.fold) == (model, None)
         for way in found.ways:
             assert all(one.is_in_sample == (kg == "full" or one.part == "train") for one in way)
+
+
+def test_a_recipe_that_a_recipe_scorer_was_not_trained_on_is_not_in_sample(made):
+    """Of a scorer trained on a sample, the policy's own lists tell the recipes."""
+    world, policy = made("in sample", "train")
+    sampled = copy.deepcopy(policy)
+    sampled.sources["w"].knowledge.seen[:, :] = False
+    for each, is_seen in ((policy, True), (sampled, False)):
+        found = Explainer(each, world).task(0)
+        assert {one.is_in_sample for way in found.ways for one in way} == {is_seen}
 
 
 def test_explaining_leaves_the_policy_as_it_is(made):

@@ -491,6 +491,17 @@ def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, lag, guided, up
     assert one.take_metrics() == other.take_metrics()
 
 
+def test_a_lagging_actor_keeps_no_parameter_twice(trainer):
+    """Weights that are computed stand for the parameters of vectors and attention."""
+    impala = trainer(policy={"features": "learned", "embedding_size": 6})
+    weights = impala.policy.weights()
+    shared = {id(parameter) for parameter in impala.policy.parameters()} & {
+        *map(id, weights.values())
+    }
+    names = {name for name, part in impala.policy.named_parameters() if id(part) in shared}
+    assert names == {f"value.{layer}.{part}" for layer in (0, 2) for part in ("weight", "bias")}
+
+
 def test_an_incomplete_or_foreign_state_is_refused(trainer):
     """A state that lacks something or is of other environments is refused."""
     impala = trainer()

@@ -32,6 +32,7 @@ from wordcraft_kg.models.policies.policy import (
     selected_entities,
 )
 from wordcraft_kg.models.policies.sources import ALPHA
+from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import FoldedSource, Source
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence, OutsideEvidenceFinder
@@ -261,7 +262,7 @@ class Explainer:
             kg: recipes that the scorer was trained on: ``partial`` (train recipes), ``full`` or
                 ``none``.
             trained_on: shape (num_recipes,), bool: recipes that the scorer saw with the correct
-                result; None for all of ``kg``.
+                result; None for all of ``kg``, or those in the lists of a recipe scorer.
             max_actions: most actions to explain; None plays to the end.
             outside: finder for evidence from outside the train recipes; None without such
                 knowledge.
@@ -273,8 +274,7 @@ class Explainer:
         """
         self.world = world
         self._kg = kg
-        num_recipes = world.graph.num_recipes
-        self._trained_on = np.ones(num_recipes, dtype=bool) if trained_on is None else trained_on
+        self._trained_on = trained_on
         self._max_actions = max_actions
         self._outside = outside
         self._policy = _own(policy)
@@ -428,18 +428,28 @@ class Explainer:
         if self._kg == "none":
             return "no_recipes", None, np.zeros_like(is_train)
         if source is None and self._kg == "full":
-            return "all_recipes", None, self._trained_on
+            return "all_recipes", None, self._known(np.ones_like(is_train), 0)
         if source is None:
-            return "train_recipes", None, is_train & self._trained_on
+            return "train_recipes", None, self._known(is_train, 0)
         seen_recipes = seen_by_models(source.fold_of_recipe.cpu().numpy())
         # Model 0 is that of all train recipes, model i + 1 lacks fold i, the last one is no model.
         model = 0 if query.task is None else int(source.model_of_task[query.task])
         if model == len(seen_recipes) - 1:
             return "no_knowledge", None, seen_recipes[model]
-        is_known = seen_recipes[model] & self._trained_on
+        is_known = self._known(seen_recipes[model], model)
         if model == 0:
             return "train_recipes", None, is_known
         return "without_a_fold", model - 1, is_known
+
+    def _known(self, is_seen: NDArray[np.bool_], model: int) -> NDArray[np.bool_]:
+        """Return which of a model's recipes it was trained on: perhaps a sample of them."""
+        if self._trained_on is not None:
+            return is_seen & self._trained_on
+        for source in self._policy.sources.values():
+            if isinstance(source, BestRecipe):
+                recipes = torch.from_numpy(self.world.graph.recipes.copy())
+                return np.asarray(is_seen & source.knowledge.knows(recipes, model).numpy())
+        return is_seen
 
     def _played(self, query: _Query) -> ExplainedEpisode:
         world = self.world

@@ -327,12 +327,18 @@ class Policy(nn.Module):
     def weights(self, generator: torch.Generator | None = None) -> Weights:
         """Return tensors computed from parameters only, which :meth:`forward` calls can share.
 
-        By default ``vectors``, see :class:`EntityVectors`, and all parameters by their names.
+        By default ``vectors``, see :class:`EntityVectors`, and by their names all parameters that
+        no other weights are computed from: an actor that lags behind the learner keeps copies.
 
         Args:
             generator: draws the noise with which a policy may train; None for none.
         """
-        return self.vectors.weights() | dict(self.named_parameters())
+        as_they_are = {
+            name: parameter
+            for name, parameter in self.named_parameters()
+            if not name.startswith(("vectors.", "attention."))
+        }
+        return self.vectors.weights() | as_they_are
 
     def forward(
         self,

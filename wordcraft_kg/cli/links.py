@@ -291,6 +291,8 @@ def score(
     entities = frozenset(loaded.scorer.entities)
     if queries is None:
         query_list = [parse_query(words, entities)]
+        if new_only and not query_list[0].is_open:
+            raise ConfigError("`new_only` filters a ranking; leave a slot open.")
     else:
         query_list = read_queries(queries, entities)
     outside = OutsideEvidenceFinder.open(model, loaded.opened)

@@ -121,7 +121,10 @@ def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
     """
     try:
         _check_content(task)
-        is_finished = _scorer(task, root) if task.kind == "scorers" else _run(task, root, keep_all)
+        if task.kind == "scorers":
+            _scorer(task, root)
+        elif not _run(task, root, keep_all):
+            return Outcome(task.address, "interrupted")
     except KeyboardInterrupt:
         return Outcome(task.address, "interrupted")
     except (ArtefactError, OutputExistsError) as error:
@@ -133,7 +136,7 @@ def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
         # An error that is not the user's: its traceback goes to the log.
         logging.getLogger(__name__).exception("'%s' failed", task.title)
         return Outcome(task.address, "failed", reason(error), _is_disk_full(error))
-    return Outcome(task.address, "done" if is_finished else "interrupted")
+    return Outcome(task.address, "done")
 
 
 def _check_content(task: Task) -> None:
@@ -251,7 +254,7 @@ def _run_metrics(folder: Path, opened: OpenedGraph) -> RunMetrics:
     )
 
 
-def _scorer(task: Task, root: Path) -> bool:
+def _scorer(task: Task, root: Path) -> None:
     from wordcraft_kg.models.links.link_config import LinksConfig
     from wordcraft_kg.models.links.link_training import LinksTraining
     from wordcraft_kg.models.recipes.recipe_config import RecipesConfig
@@ -274,7 +277,6 @@ def _scorer(task: Task, root: Path) -> bool:
         _save_plain(folder, graph, command, settings)
     figures = _scorer_metrics(folder, time.perf_counter() - began)
     write_metrics(folder, replace(figures, platform=platform_of(task.device)))
-    return True
 
 
 def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -> None:

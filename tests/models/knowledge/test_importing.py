@@ -226,7 +226,8 @@ def test_one_source_and_a_new_folder_are_needed(
         ("bred\tx", "line 1: 'bred' is not a label of the graph.* Did you mean"),
         ("dough", "before a tab"),
         ("dough\twn:1-n", "wn:1-n"),
-        (None, r"overrides\.tsv is missing"),
+        (None, r"overrides\.tsv is not a file"),
+        ("dough\t\ndough\twn:00000007-n", r"line 2: 'dough' stands in line 1, too"),
     ],
 )
 def test_wrong_overrides_are_refused(wordnet, opened, tmp_path, line, message):
@@ -491,6 +492,7 @@ def test_a_triple_has_the_best_score_of_its_sets(scorer):
     [
         ((), "found the columns none"),
         (("set,result",), "found the columns 'set', 'result'"),
+        (("set,result,score,score", "flour,dough,1,2"), "'score', 'score'; expected"),
         (("result,score", "dough,1"), "found the columns"),
         (("set,result,score",), "no scores below the header"),
         (("set,result,score", "flour + watr,dough,1"), "line 2: .*'watr'.*water"),

@@ -112,6 +112,8 @@ def import_knowledge(
     entities = opened.graph.entities
     # Checked before the slow steps.
     check_table("knowledge from outside the book", len(entities))
+    if overrides is not None and not overrides.is_file():
+        raise KnowledgeFileError(f"{overrides} is not a file; expected lines as in {ALIGNMENT}.")
     with stage(f"reading {path}"):
         network = READERS[kind](path)
     with stage("aligning labels"):
@@ -203,6 +205,7 @@ def with_overrides(
     confidences = alignment.confidences.copy()
     methods = list(alignment.methods)
     numbers = {name: node for node, name in enumerate(network.nodes)}
+    lines_of: dict[str, int] = {}
     try:
         lines = read_small_file(path).decode("utf-8-sig").splitlines()
     except UnicodeDecodeError:
@@ -212,6 +215,11 @@ def with_overrides(
         is_header = number == 1 and label == _COLUMNS[0]
         if is_header or not line.strip():
             continue
+        if label in lines_of:
+            raise KnowledgeFileError(
+                f"{path}, line {number}: '{label}' stands in line {lines_of[label]}, too; expected "
+                "each label once."
+            )
         if not columns or label not in entities:
             raise KnowledgeFileError(
                 f"{path}, line {number}: '{label}' is not a label of the graph before a "
@@ -224,6 +232,7 @@ def with_overrides(
                 f"{path}, line {number}: {network.source} has no node '{name}'. Expected a node as "
                 f"in the second column of {ALIGNMENT}, or nothing to leave '{label}' out."
             )
+        lines_of[label] = number
         entity = entities.index(label)
         nodes[entity] = node
         confidences[entity] = float(node >= 0)

@@ -9,7 +9,7 @@ from wordcraft_kg.base import KnowledgeFileError, UnknownEntityError, read_large
 from wordcraft_kg.graphs import MOST_INGREDIENTS, RecipeGraph, padded
 from wordcraft_kg.models.scorers.factors import SetTableScorer
 
-_COLUMNS = {"set", "result", "score"}
+_COLUMNS = ["result", "score", "set"]
 _LARGEST = 1e30
 """Largest score: the sum of the squares of all has to be a finite number."""
 
@@ -34,7 +34,8 @@ def read_scores(path: Path, graph: RecipeGraph) -> SetTableScorer:
     # csv.Error: such as a cell of a megabyte.
     except (UnicodeDecodeError, csv.Error) as error:
         raise KnowledgeFileError(f"{path}: {error}. Save it as CSV in UTF-8.") from None
-    if set(names) != _COLUMNS:
+    # Also a column that stands twice is refused.
+    if sorted(names) != _COLUMNS:
         raise KnowledgeFileError(
             f"{path}: found the columns {', '.join(map(repr, names)) or 'none'}; expected set, "
             "result and score."

@@ -367,6 +367,12 @@ def test_a_book_whose_sets_no_search_finds_trains_with_low_probabilities(run, tm
     assert "suggestions are guesses" in run("suggest", tmp_path / "model", "--goal", "pesto").out
 
 
+def test_a_model_whose_scores_say_nothing_can_be_opened(tmp_path):
+    settings = RecipeScorerConfig(folds=3, parts="none", features="glove")
+    train_recipes(RecipesConfig("kitchen", settings), tmp_path / "model")
+    open_model(tmp_path / "model")
+
+
 def test_goals_whose_parts_no_other_recipe_brings_are_refused():
     content = [(f"a{row}", f"b{row}", f"c{row}", f"d{row}") for row in range(20)]
     graph = RecipeGraph.from_recipes(content)

@@ -188,7 +188,8 @@ def with_words(
     if settings.with_:
         raise unknown(
             labels[0],
-            "A model with outside knowledge (`with`) scores only the graph's entities.",
+            "A model with outside knowledge (`with`) scores only the graph's entities; one that is "
+            "trained without scores new entities by words.",
         )
     size = len(scorer.entities)
     words = named(settings.features, scorer.entities)

@@ -12,6 +12,7 @@ from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
 
 from wordcraft_kg.base import GraphError, Record
+from wordcraft_kg.base.tensors import MAX_WEIGHT
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge, Vector
 from wordcraft_kg.models.scorers.sets.networks import NAMES, Networks, fit
@@ -351,4 +352,5 @@ def _calibrated(scores: Tensor, wrong: Tensor, has_right: Tensor) -> Tensor:
 
     optimiser.step(loss)
     temperature, none_score = values.detach()
-    return torch.stack([torch.exp(temperature), none_score])
+    # Scores that say nothing are likeliest at any large temperature; a folder holds none above.
+    return torch.stack([torch.exp(temperature).clamp(max=MAX_WEIGHT), none_score])

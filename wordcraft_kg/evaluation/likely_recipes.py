@@ -79,6 +79,11 @@ class RecipeFinder:
     def of(cls, scorer: Scorer, book: Ids, *, allows_self_results: bool = False) -> "RecipeFinder":
         """Return the finder of a model.
 
+        Args:
+            scorer: scorer of the model.
+            book: recipes of the book, which are not suggested.
+            allows_self_results: whether a recipe may make one of its own ingredients.
+
         Raises:
             ConfigError: if the model has no probabilities.
         """

@@ -333,10 +333,16 @@ class Scores(Record, omit_defaults=True):
 
 
 def link_probabilities(scorer: Scorer, triples: Ids, known: Sequence[Known]) -> list[float | None]:
-    """Return calibrated probabilities for triples, ids of shape (T, 3).
+    """Return calibrated probabilities for triples.
 
-    A triple that is ``known`` from train has None: it is true, and calibration is for new ones. All
-    are None without a calibration.
+    Args:
+        scorer: scorer of a model.
+        triples: ids of shape (T, 3).
+        known: part of each triple's recipe; one of train has no probability, as it is true, and
+            calibration is for new ones.
+
+    Returns:
+        T probabilities; all are None without a calibration.
     """
     folds = folds_of(scorer)
     if folds is None or folds.probabilities is None:
@@ -647,7 +653,12 @@ class RecipeScoring(Scoring):
 
 
 def scoring_of(model: Model, query: Query, outside: OutsideEvidenceFinder | None = None) -> Scoring:
-    """Return the scoring for queries of the kind of ``query``.
+    """Return the scoring for queries of a kind.
+
+    Args:
+        model: an opened model.
+        query: any query of the kind.
+        outside: finder of outside knowledge that supports an answer; None without any.
 
     Raises:
         ConfigError: if the query is a recipe, and the model scores links (triples) only.

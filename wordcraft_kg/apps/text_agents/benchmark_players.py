@@ -362,7 +362,16 @@ def named_player(name: str, opened: OpenedGraph, tasks: TaskSet) -> tuple[str, "
 
 
 def check_graph(folder: str, model_graph: OpenedGraph, opened: OpenedGraph) -> None:
-    """Raise a GraphMismatchError if a model's folder is of another graph or split."""
+    """Check that a model's folder is of a graph and split.
+
+    Args:
+        folder: the model's folder, for the error.
+        model_graph: graph and split of the model.
+        opened: the expected graph and split.
+
+    Raises:
+        GraphMismatchError: if they differ.
+    """
     hashes = (model_graph.graph.hash, model_graph.split.hash)
     expected = (opened.graph.hash, opened.split.hash)
     if hashes != expected:

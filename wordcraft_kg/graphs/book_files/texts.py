@@ -58,7 +58,12 @@ _RULE = re.compile(r"(?=.*[|+])(?:[-=+:\s|]*[-=]{2,}|[-=+:\s|]*:[-=])[-=+:\s|]*"
 
 
 class Line(NamedTuple):
-    """A row of a table with its line number."""
+    """A row of a table.
+
+    Attributes:
+        number: number of its line in the file, from 1.
+        cells: its cells.
+    """
 
     number: int
     cells: list[str]

@@ -86,7 +86,13 @@ class FittedSets(NamedTuple):
 
 
 class Candidates(NamedTuple):
-    """Candidate sets of a goal, with features, and which of them are right."""
+    """Candidate sets of a goal.
+
+    Attributes:
+        sets: ids, shape (n, 8), padded.
+        features: their features, shape (n, F).
+        is_right: which of them the book has for the goal, shape (n,).
+    """
 
     sets: Ids
     features: Vector

@@ -184,7 +184,13 @@ class BestSet(FoldedSource):
         return likely_sets(self.models[model], goal, entities, sizes)
 
     def other_scores(self, model: int, goal: int, sets: Ids) -> _Scores:
-        """Return the scores of sets that are not among the best of the table."""
+        """Return the scores of sets that are not among the best of the table.
+
+        Args:
+            model: number of the model, see :attr:`models`.
+            goal: id of the goal.
+            sets: ids of the sets, shape (n, 8), padded.
+        """
         return self.models[model].score_sets(sets, np.full(len(sets), goal))
 
     def _scores_of_state(self, states: States, model: int) -> _Scores:

@@ -200,7 +200,12 @@ class RecipeKnowledge(StoredKnowledge):
         return scores
 
     def link_scores(self, relation: int, heads: Tensor, tails: Tensor) -> Tensor:
-        """Score the links of all heads, ids (H,), with all tails, ids (N,), by the first model.
+        """Score the links of all heads with all tails, by the first model.
+
+        Args:
+            relation: relation id.
+            heads: ids of shape (H,).
+            tails: ids of shape (N,).
 
         Returns:
             shape (H, N), float32.

@@ -140,7 +140,12 @@ class Parts:
 
 
 def read_parts(source: str, labels: Sequence[str], *, allow_missing: bool = False) -> Parts:
-    """Return the shares of parts of entities by their labels, see :func:`parts_of_labels`.
+    """Return the shares of parts of entities by their labels.
+
+    Args:
+        source: as in :func:`parts_of_labels`, or :data:`NO_PARTS`.
+        labels: the entities.
+        allow_missing: whether entities may have no parts.
 
     Raises:
         ConfigError: also if all entities have the same single part, which tells none apart.

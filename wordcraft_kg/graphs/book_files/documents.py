@@ -584,8 +584,12 @@ def _candidate(
             # Each text of a list holds a whole recipe.
             raws = [raw._replace(parts=[part]) for raw in raws for part in filter(None, raw.parts)]
     beside: dict[str, list[Any]] = {}
-    row_entries = [list(rows_of_raw(raw, joiner, beside)) for raw in raws]
-    entries = [*document.others, *chain.from_iterable(row_entries)]
+    entries = list(document.others)
+    several_outputs = 0
+    for raw in raws:
+        row_entries = list(rows_of_raw(raw, joiner, beside))
+        several_outputs += len(row_entries) > 1
+        entries += row_entries
     if document.is_table:
         entries.sort(key=itemgetter(0))
     rows = [entry for entry in entries if isinstance(entry, Row)]
@@ -609,7 +613,7 @@ def _candidate(
             num_results=len(way.results),
             ignored=tuple(sorted(beside)),
             counts_dropped=sum(number not in ("", "1", 1) for number in chain(*counts)),
-            several_outputs=sum(len(entries_of_row) > 1 for entries_of_row in row_entries),
+            several_outputs=several_outputs,
         ),
         entries=[labels.row(entry) if isinstance(entry, Row) else entry for entry in entries],
         texts=labels,

@@ -219,11 +219,6 @@ def _are_equal(rounded: NDArray[np.float32], unit: NDArray[np.float32]) -> bool:
     )
 
 
-def is_words_player(name: str) -> bool:
-    """Return whether this is the name of a player by nearest words, with any vectors."""
-    return name.startswith(NEAREST_WORDS)
-
-
 def nearest_words(vectors: NDArray[np.float32]) -> Player:
     """Return a player of the two labels nearest to the goal's label by cosine; it knows no recipe.
 

@@ -242,7 +242,7 @@ def rows_of_raw(raw: Raw, joiner: str | None, beside: dict[str, list[Any]]) -> I
     if not parts or not results:
         yield LeftOut(raw.place, WITHOUT)
     else:
-        yield from (Row(raw.place, parts, result, raw.kind, raw.quantities) for result in results)
+        yield from (Row(raw.place, parts, result, raw.kind) for result in results)
 
 
 # --- the label of a text -------------------------------------------------------------------------
@@ -349,7 +349,7 @@ class FileLabels:
         labels = list(map(self.label_of.__getitem__, row.ingredients))
         if len(labels) == 1 and self.pieces.get(row.ingredients[0], 1) > 1:
             labels *= 2
-        return Row(row.place, labels, self.label_of[row.result], row.kind, row.quantities)
+        return Row(row.place, labels, self.label_of[row.result], row.kind)
 
 
 def read_labels(

@@ -30,7 +30,6 @@ from wordcraft_kg.graphs.book_files.rows import (
 from wordcraft_kg.graphs.book_files.words import (
     EACH,
     KIND,
-    QUANTITIES,
     is_documented,
     is_name,
     own_header,
@@ -44,9 +43,9 @@ DELIMITERS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "pipes"}
 """Column delimiters that are tried, with their names."""
 _SPELT = {"comma": ",", "semicolon": ";", "tab": "\t", "\\t": "\t", "pipe": "|", "space": " "}
 _OWN = {
-    (*own_header(number), *facts)
+    (*own_header(number), *kind_column)
     for number in range(2, MOST_INGREDIENTS + 1)
-    for facts in ((), (KIND,), (QUANTITIES,), (KIND, QUANTITIES))
+    for kind_column in ((), (KIND,))
 }
 _SAMPLE_ROWS = 200
 _EVEN = 0.9  # share of rows with the most frequent number of cells

@@ -1,7 +1,7 @@
 """Write recipe books: tables with our own header, or our own JSON."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,7 @@ from typing import Any
 from wordcraft_kg.base import RecipeFileError, output_target, write_atomically
 from wordcraft_kg.graphs.arrays import json_recipes, row_text
 from wordcraft_kg.graphs.book_files.cells import trim_unseen
-from wordcraft_kg.graphs.book_files.words import KIND, QUANTITIES, own_header
+from wordcraft_kg.graphs.book_files.words import KIND, own_header
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, RecipeRows
 
 _JSON_FORMAT = "wordcraft-kg recipe book 1"
@@ -70,16 +70,15 @@ def _lines(
     rows: Iterable[tuple[Sequence[str], Sequence[str]]],
     delimiter: str,
 ) -> Iterator[str]:
-    """Yield a header and rows, with kinds and quantities between the result and further cells."""
+    """Yield a header and rows, with kinds, if any, between the result and further cells."""
     header = own_header(max(map(len, book.recipes)) - 1)
-    facts = _facts(book)
-    yield csv_line((*header, *facts, *columns), delimiter)
+    kind_column = (KIND,) if book.kinds else ()
+    yield csv_line((*header, *kind_column, *columns), delimiter)
     for labels, cells in rows:
-        recipe = Recipe.of(*labels)
         *ingredients, result = labels
         blanks = [""] * (len(header) - len(labels))
-        fact_cells = (values_by_recipe.get(recipe, "") for values_by_recipe in facts.values())
-        yield csv_line((*ingredients, *blanks, result, *fact_cells, *cells), delimiter)
+        kinds = [book.kinds.get(Recipe.of(*labels), "") for _ in kind_column]
+        yield csv_line((*ingredients, *blanks, result, *kinds, *cells), delimiter)
 
 
 def _directives(book: RecipeBook) -> Iterator[str]:
@@ -91,20 +90,14 @@ def _directives(book: RecipeBook) -> Iterator[str]:
         yield f"# entities: {csv_line(book.idle, ',')}"
 
 
-def _facts(book: RecipeBook) -> dict[str, Mapping[Recipe, str]]:
-    """Return what a book tells of its recipes beside ingredients and result, by column."""
-    facts = {KIND: book.kinds, QUANTITIES: book.quantities}
-    return {name: values_by_recipe for name, values_by_recipe in facts.items() if values_by_recipe}
-
-
 def recipe_table(book: RecipeBook, delimiter: str = ",") -> Iterator[str]:
-    """Yield table lines: a header, then ingredients and result, with kinds and quantities if any.
+    """Yield table lines: a header, then ingredients and result, with kinds if any.
 
     Args:
         book: the book, whose recipes are in the order of the lines.
         delimiter: one character between cells.
     """
-    if _facts(book):
+    if book.kinds:
         yield from _lines(book, (), ((recipe, ()) for recipe in book.recipes), delimiter)
         return
     rows = RecipeRows.of(book.recipes)
@@ -132,9 +125,8 @@ def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
     yield "{\n"
     yield f'"format": {dump(_JSON_FORMAT)},\n'
     yield f'"name": {dump(book.name)},\n'
-    for name, values_by_recipe in (("kinds", book.kinds), (QUANTITIES, book.quantities)):
-        if values_by_recipe:
-            extra[name] = [values_by_recipe.get(recipe, "") for recipe in book.recipes]
+    if book.kinds:
+        extra["kinds"] = [book.kinds.get(recipe, "") for recipe in book.recipes]
     for key, value in extra.items():
         yield f"{dump(key)}: {dump(value)},\n"
     yield f'"base": {dump(book.base)},\n'

@@ -76,7 +76,7 @@ BAD_TABLES = {
     "header missing": (
         "csv",
         "a,b,c\nd,e,f\n",
-        "no key or column is a documented word",
+        "no documented words name ingredients",
     ),
     "column missing": (
         "csv",
@@ -86,7 +86,7 @@ BAD_TABLES = {
     "header after comments": (
         "csv",
         "# one\n# two\na,b,c\n",
-        "a + b = c (--columns '1,2,3')",
+        "the file has 'a', 'b', 'c'. Name the ingredients",
     ),
     "commas in a tsv": ("tsv", TABLE, "book.tsv has no recipe to keep"),
     "no ingredient": (

@@ -291,7 +291,7 @@ REFUSED = {
     "row like a comment": (
         "#a:b,coal,torch\nstick,coal,torch\n",
         "b.csv",
-        "no key or column is a documented word",
+        "no documented words name ingredients",
     ),
     "no table": ("water + earth > mud\n", "b.txt", "no table, because commas give 1 column"),
     "damaged zip": (zipped({"b.csv": table()})[:60], "b.zip", "is damaged"),
@@ -343,7 +343,7 @@ def test_html_entities_and_text_from_right_to_left_are_kept_and_named(put):
 
 def test_options_name_what_a_guess_cannot_know(put):
     path = put("x,y,z\n" + table(header=None))
-    with pytest.raises(RecipeFileError, match="--columns 'x,y,z'"):
+    with pytest.raises(RecipeFileError, match="the file has 'x', 'y', 'z'"):
         read_book(path)
     expected = RecipeGraph.from_recipes(ROWS).hash
     named = read_book(path, columns=["x", "y", "z"])

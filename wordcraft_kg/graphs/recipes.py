@@ -247,7 +247,6 @@ class Reading(Record, omit_defaults=True, kw_only=True):
         arities: number of rows by their number of ingredients, as digits.
         counts_dropped: ingredients whose number of pieces is not kept.
         trimmed: cells with characters at their ends that cannot be seen, which are left out.
-        several_outputs: rows of the file with several results.
         notes: further remarks.
     """
 
@@ -266,7 +265,6 @@ class Reading(Record, omit_defaults=True, kw_only=True):
     arities: dict[str, Count] = msgspec.field(default_factory=dict)
     counts_dropped: Count = 0
     trimmed: Count = 0
-    several_outputs: Count = 0
     notes: tuple[str, ...] = ()
 
     def line(self) -> str:
@@ -299,7 +297,6 @@ class Reading(Record, omit_defaults=True, kw_only=True):
             (self.case, "labels in lower case"),
             (self.counts_dropped, f"{counted(self.counts_dropped, 'number')} of pieces not kept"),
             (self.trimmed, f"{counted(self.trimmed, 'cell')} without blanks that cannot be seen"),
-            (self.several_outputs, f"{counted(self.several_outputs, 'row')} with several results"),
             (self.arities.keys() - {"2"}, f"rows by number of ingredients: {arities}"),
         )
         yield from (text for is_said, text in facts if is_said)

@@ -1,4 +1,4 @@
-"""Formats of their own: our JSON, the paper's, dumps of Infinite Craft, packs of Minecraft.
+"""Formats of their own: our JSON, the paper's, Infinite Craft, packs of Minecraft.
 
 In a pack a pattern becomes the set of its ingredients, of two pieces a pair; where one of several
 items may be used, each choice is a recipe. A tag that the pack defines stands for its members,
@@ -52,11 +52,25 @@ def known_layout(path: Path, document: Any) -> FileRows | None:
             isinstance(thing, dict) and "recipes" in thing for thing in entities.values()
         )
         return _official_layout(path, entities) if are_things else None
-    if isinstance(items, list) and isinstance(recipes, list) and items and recipes:
-        # By type: true and false are instances of int, but no indices.
-        forms = {isinstance(row, list) and tuple(map(type, row)) for row in recipes}
-        return _dump(path, items, recipes) if forms == {(int, int, int)} else None
-    return None
+    if not isinstance(items, list) or not items:
+        return None
+    rows = recipes if isinstance(recipes, list) else _saved_rows(items)
+    # By type: true and false are instances of int, but no indices.
+    forms = {isinstance(row, list) and tuple(map(type, row)) for row in rows}
+    return _dump(path, items, rows) if forms == {(int, int, int)} else None
+
+
+def _saved_rows(items: Sequence[Any]) -> list[Any]:
+    """Return the rows of indices in a save, whose items have an id, and recipes by ids; or none."""
+    rows: list[Any] = []
+    try:
+        index_of = {item["id"]: index for index, item in enumerate(items)}
+        for index, item in enumerate(items):
+            pairs = item.get("recipes") or ()
+            rows += ([*map(index_of.__getitem__, pair), index] for pair in pairs)
+    except (KeyError, TypeError):
+        return []
+    return rows
 
 
 def _our_layout(path: Path, document: Mapping[str, Any]) -> FileRows:
@@ -139,17 +153,20 @@ def _exact(
 
 
 def _dump(path: Path, items: Sequence[Any], rows: Sequence[Sequence[int]]) -> FileRows:
-    """Read a dump of Infinite Craft: rows of indices of two ingredients, and of the result."""
+    """Read Infinite Craft: rows of indices of two ingredients, and of the result."""
     labels = [
         item.get("text", item.get("name")) if isinstance(item, dict) else item for item in items
     ]
-    names = [check_label(trim_unseen(label), f"{path}: items") for label in map(str, labels)]
+    names = []
+    for label in labels:
+        text = trim_unseen(label) if isinstance(label, str) else label
+        names.append(check_label(text, f"{path}: items"))
     for place in chain.from_iterable(rows):
         if not 0 <= place < len(names):
             raise refusal(
                 path, f"the index {place:,} in recipes, of {len(names):,} items", "infinite-craft"
             )
-    source = FileRows(Reading(shape="a dump of Infinite Craft"), is_exact=True)
+    source = FileRows(Reading(shape="Infinite Craft"), is_exact=True)
     source.listed = {name: "items" for name in names if name != NOTHING}
     if source.listed.keys() >= set(INFINITE_CRAFT_BASE):
         source.base = dict.fromkeys(INFINITE_CRAFT_BASE, "items")

@@ -11,21 +11,33 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence, Set
 from functools import cache
 from itertools import chain, takewhile
-from operator import ne
+from operator import itemgetter, ne
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from msgspec.structs import replace
 
 from wordcraft_kg.base import ConfigError, counted
-from wordcraft_kg.graphs.book_files.cells import is_number, table_fault, trim_unseen
+from wordcraft_kg.graphs.book_files.cells import (
+    find_joiner,
+    is_number,
+    read_labels,
+    rows_of_raw,
+    table_fault,
+    trim_unseen,
+)
 from wordcraft_kg.graphs.book_files.documents import Document
 from wordcraft_kg.graphs.book_files.rows import (
     MAX_LINE_LENGTH,
+    Entry,
     Fault,
     FileRows,
     LeftOut,
+    Raw,
+    Row,
+    is_infinite_craft,
     refusal,
+    without_nothing,
 )
 from wordcraft_kg.graphs.book_files.words import (
     EACH,
@@ -99,6 +111,8 @@ def read_directive(source: FileRows, number: int, line: str) -> Fault | None:
     if len(line) > MAX_LINE_LENGTH:
         return Fault(number, "directive", too_long(line))
     labels = _tolerant_cells(label_list.strip(), ",")
+    if not source.is_exact:
+        labels = list(map(trim_unseen, labels))
     for fault in filter(None, map(label_fault, labels)):
         return Fault(number, "directive", fault)
     if name == "base":
@@ -200,8 +214,7 @@ def _are_names(cells: Sequence[str]) -> bool:
     if sum(map(is_number, cells)) > 1:
         return False
     ways = ways_by_words((EACH, f".{cell}") for cell in cells)
-    documented_ways = [way for way in ways if way.is_documented]
-    return any(way.is_named or is_name(way.results[0][-1][1:]) for way in documented_ways)
+    return any(way.is_named or is_name(way.results[0][-1][1:]) for way in ways)
 
 
 def _are_unknown_names(body: Sequence[Line]) -> bool:
@@ -273,7 +286,6 @@ def read_table(
     lines = lines[len(head) :]
     if not lines:
         raise refusal(path, "no row of a table, only comments", "table")
-    faults = list(filter(None, (read_directive(source, *line) for line in head)))
     _, first = lines[0]
     if len(first) > MAX_LINE_LENGTH:
         raise refusal(path, f"no table: {too_long(first)[:-1]}", "table")
@@ -287,6 +299,7 @@ def read_table(
             )
             raise refusal(path, "a table of Markdown, which is not read", "table", remedy)
         delimiter = delimiter or _guess_delimiter(path, sample, usual)
+    faults = list(filter(None, (read_directive(source, *line) for line in head)))
     source.reading = Reading(shape="table", delimiter=delimiter or usual)
     parsed = _parsed(source, lines, source.reading.delimiter)
     return source, _document(path, source, [*faults, *parsed], columns or ())
@@ -399,66 +412,68 @@ def looks_like_lines(text: str) -> bool:
     return bool(content) and len(sums) >= _ENOUGH * len(content)
 
 
-def read_lines(path: Path, text: str) -> tuple[FileRows, Document]:
-    """Read a text with a sum, a sign and results on each line, as a document.
+def read_lines(path: Path, text: str) -> FileRows:
+    """Read a text with a sum, a sign and results on each line.
 
     Args:
         path: the file, for errors.
         text: its text.
 
-    Returns:
-        What is known of the rows, and the document: records of a sum and a list of results.
-
     Raises:
         RecipeFileError: if a sum is behind a sign, or many lines have the same mark.
     """
     source = FileRows(Reading(shape="lines a + b = c"))
-    document = Document([], is_table=True, fault=_label_fault)
+    raws: list[Raw] = []
+    entries: list[Entry] = []
     for number, line in enumerate(io.StringIO(text, newline=""), start=1):
         sides = [side.strip() for side in _SIGN.split(line)]
         if not line.strip():
             continue
         if _is_heading(line):
             fault = read_directive(source, number, line)
-            document.others.append(fault or LeftOut(number, "headings or comments"))
+            entries.append(fault or LeftOut(number, "headings or comments"))
         elif len(line) > MAX_LINE_LENGTH:
-            document.others.append(Fault(number, "row", too_long(line), "long"))
+            entries.append(Fault(number, "row", too_long(line), "long"))
         elif len(sides) != 2:
             sample = repr(line.strip()[:80])
             message = f"{sample} has no sign such as = or ->, or several; expected a + b = c."
-            document.others.append(Fault(number, "row", message, "no sign"))
+            entries.append(Fault(number, "row", message, "no sign"))
         elif "+" in sides[1]:
             sign = _SIGN.findall(line)[0]
             remedy = f"The result is last: sed -E 's/(.*){sign}(.*)/\\2 {sign} \\1/' b.txt > c.txt."
-            if "+" in sides[0] or document.value:
+            if "+" in sides[0] or raws:
                 remedy = "Write a sum, a sign and the results on each line, these between commas."
             raise refusal(path, f"line {number} has a sum behind its sign", "lines", remedy)
         else:
-            document.places.append(number)
-            results = [result.strip() for result in sides[1].split(",")]
-            document.value.append({"sum": sides[0], "result": results})
-    _check_marks(path, document.value)
-    return source, document
+            raws.append(Raw(number, sides[:1], [side.strip() for side in sides[1].split(",")]))
+    joiner = find_joiner([raw.parts[0] for raw in raws if raw.parts[0]])
+    for raw in raws:
+        entries += rows_of_raw(raw, joiner, {})
+    _check_marks(path, [entry for entry in entries if isinstance(entry, Row)])
+    entries.sort(key=itemgetter(0))
+    labelled, trimmed = read_labels(entries, _label_fault, is_given=True)
+    source.entries = without_nothing(labelled) if is_infinite_craft(labelled) else labelled
+    source.reading = replace(source.reading, trimmed=trimmed)
+    return source
 
 
-def _check_marks(path: Path, records: Sequence[dict[str, Any]]) -> None:
+def _check_marks(path: Path, rows: Sequence[Row]) -> None:
     """Refuse lines of which many begin or end alike, as with a mark that is no part of a label.
 
     Raises:
         RecipeFileError: naming what they share.
     """
-    sums = [re.split(r"\s*\+\s*", record["sum"]) for record in records]
-    first = [ingredients[0] for ingredients in sums]
-    inner = list(chain.from_iterable(ingredients[1:] for ingredients in sums))
-    last = list(chain.from_iterable(record["result"] for record in records))
+    first = [row.ingredients[0] for row in rows]
+    inner = list(chain.from_iterable(row.ingredients[1:] for row in rows))
+    last = [row.result for row in rows]
     for verb, pattern, ends, opposite in (
         ("begin", _PREFIX, first, last),
         ("end", _SUFFIX, last, first),
     ):
         marks = [match[0].strip() for match in map(pattern.search, ends) if match]
-        elsewhere = [label for label in (*inner, *opposite) if pattern.search(label)]
+        elsewhere = sum(1 for _ in filter(pattern.search, chain(inner, opposite)))
         share = len(marks) / max(len(ends), 1)
-        is_elsewhere = len(elsewhere) > _SELDOM * share * (len(inner) + len(opposite))
+        is_elsewhere = elsewhere > _SELDOM * share * (len(inner) + len(opposite))
         if len(marks) > 1 and share >= _OFTEN and not is_elsewhere:
             raise refusal(
                 path,

@@ -561,7 +561,6 @@ def test_sets_are_built_described_exported_trained_on_and_ranked(run, folder, tm
     described = json.loads(text_of("describe", folder, "--json"))
     sizes = described["sets"]["recipes_by_number_of_ingredients"]
     assert sizes == {"2": 10, "3": 14, "4": 21, "5": 9, "6": 6}
-    assert described["sets"]["inside_another_set"] == 2
     for command in ("describe", "check-book"):
         shown = text_of(command, "examples/kitchen-sets.csv")
         assert re.search(r"^ingredient sets +60$", shown, re.MULTILINE), command

@@ -547,7 +547,6 @@ def test_a_number_beside_the_label_without_it_is_named(put):
         path = put(header + rows)
         says = "1 label with numbers, such as '2 water' beside the label without it"
         assert says in read_book(path).reading.line()
-        assert any(says in f.message for f in check_book(path).findings if f.kind == "numbers")
 
 
 @pytest.mark.parametrize("mark", ["mud*", "mud ✓", "mud[1]", "1. mud", "★ mud"])
@@ -556,7 +555,6 @@ def test_a_mark_in_a_single_cell_is_named(put, mark):
     path = put(OWN + rows)
     says = f"1 label with a mark, such as '{mark}'"
     assert says in read_book(path).reading.line()
-    assert any(says in f.message for f in check_book(path).findings if f.kind == "marks")
 
 
 @pytest.mark.parametrize("label", ["Yahoo!", "C+", "mud (wet)", "+1", "*", "3.14"])

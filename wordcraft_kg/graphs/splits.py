@@ -373,44 +373,23 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
     parts = _drawn_parts(graph, config, rng)
     num_moved = _cover_entities(graph, parts, rng) if config.kind == "by-recipe" else 0
     split = Split(graph, config, parts, num_moved)
-    has_valid = config.valid_ratio > 0
-    required_parts: list[Part] = ["train", "test", "valid"] if has_valid else ["train", "test"]
-    empty = [part for part in required_parts if not split.is_in(part).any()]
-    if empty:
-        raise SplitError(_why_empty(graph, config, required_parts, empty[0]))
+    required_parts: list[Part] = ["train", "test", *(["valid"] if config.valid_ratio > 0 else [])]
+    for part in required_parts:
+        if not split.is_in(part).any():
+            groups = counted(len(np.unique(groups_of(graph, config.kind))), "group")
+            recipes = counted(graph.num_recipes, "recipe")
+            moved = ""
+            if num_moved:
+                moved = (
+                    f", after {counted(num_moved, 'recipe')} moved to train, so that train covers "
+                    "every entity (`kind` by-recipe-plain moves none)"
+                )
+            raise SplitError(
+                f"the {part} part of a {config.kind} split of {recipes} in {groups} is empty"
+                f"{moved}; choose another `train_ratio` or `valid_ratio`, or `kind` none for the "
+                "full graph only."
+            )
     return split
-
-
-def _why_empty(
-    graph: RecipeGraph,
-    config: SplitConfig,
-    required_parts: Sequence[Part],
-    part: Part,
-) -> str:
-    """Return the message for an empty part, with its cause if it is the cover of all entities.
-
-    Args:
-        graph: the recipe graph.
-        config: settings of the split.
-        required_parts: parts that a split with these settings has.
-        part: the empty part.
-    """
-    groups = counted(len(np.unique(groups_of(graph, config.kind))), "group")
-    recipes = counted(graph.num_recipes, "recipe")
-    message = f"the {part} part of a {config.kind} split of {recipes} in {groups} is empty"
-    # The draw before any recipe moved, which is also the draw of by-recipe-plain.
-    drawn_parts = _drawn_parts(graph, config, np.random.default_rng(config.seed))
-    sizes = {name: int(np.sum(drawn_parts == PARTS.index(name))) for name in required_parts}
-    if config.kind == "by-recipe" and all(sizes.values()):
-        return (
-            f"{message}: the {counted(sizes[part], 'recipe')} drawn for it moved to train, so that "
-            "train covers every entity. Choose `kind` by-recipe-plain, which moves none, or `kind` "
-            "none for the full graph only."
-        )
-    return (
-        f"{message}; choose another `train_ratio` or `valid_ratio`, or `kind` none for the full "
-        "graph only."
-    )
 
 
 def default_config(graph: RecipeGraph) -> SplitConfig:

@@ -59,7 +59,6 @@ class Content:
         pack: names and bytes of the JSON files of a data pack; None for any other file.
         text: the text, without a byte order mark; empty for a data pack.
         encoding: name of its encoding; empty for a data pack.
-        has_mark: whether the bytes began with a byte order mark.
     """
 
     name: str
@@ -68,7 +67,6 @@ class Content:
     pack: tuple[tuple[str, bytes], ...] | None = None
     text: str = ""
     encoding: str = ""
-    has_mark: bool = False
 
 
 def read_bytes(path: Path) -> bytes:
@@ -149,8 +147,8 @@ def read_content(path: Path, encoding: str | None = None) -> Content:
     for signature, kind in _SIGNATURES.items():
         if data.startswith(signature):
             raise refusal(path, f"it is {kind}", "table")
-    text, used_encoding, has_mark = _decode(path, data, encoding)
-    return Content(name, sha256, container, None, text, used_encoding, has_mark)
+    text, used_encoding = _decode(path, data, encoding)
+    return Content(name, sha256, container, None, text, used_encoding)
 
 
 def _error(message: str) -> RecipeFileError:
@@ -278,8 +276,8 @@ def check_encoding(encoding: str | None) -> None:
         )
 
 
-def _decode(path: Path, data: bytes, encoding: str | None) -> tuple[str, str, bool]:
-    """Return a file's text, its encoding, and whether the bytes begin with a byte order mark.
+def _decode(path: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
+    """Return a file's text, without a byte order mark, and its encoding.
 
     Args:
         path: the file, for errors.
@@ -317,7 +315,7 @@ def _decode(path: Path, data: bytes, encoding: str | None) -> tuple[str, str, bo
         raise refusal(path, "two byte order marks", "encodings", "Remove them.")
     if not text.strip():
         raise RecipeFileError(f"{path} is empty; a recipe book needs at least one recipe.")
-    return text, name, bool(mark)
+    return text, name
 
 
 def foreign_format(text: str) -> str | None:

@@ -39,11 +39,6 @@ def known_layout(path: Path, document: Any) -> FileRows | None:
     """
     if not isinstance(document, dict):
         return None
-    if isinstance(document.get("incidences"), list):
-        raise RecipeFileError(
-            f"{path}: a hypergraph (HIF), which is written and not read. Write its recipes as a "
-            "table with the columns ingredient_a, ingredient_b, ... and result."
-        )
     entities, recipes, items = (document.get(key) for key in ("entities", "recipes", "items"))
     if isinstance(entities, list) and isinstance(recipes, list):
         return _our_layout(path, document)

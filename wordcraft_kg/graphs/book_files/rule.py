@@ -133,13 +133,11 @@ class ReadingCandidate:
         is_better = self.hangs_together and not best.hangs_together
         return is_better and self.contradictions <= best.contradictions
 
-    def is_damaged_rival_of(self, best: "ReadingCandidate") -> bool:
-        """Return whether other results of the same ingredients may be right, but have faults."""
-        if not self.num_faults or self.way.parts != best.way.parts or self is best:
-            return False
+    @property
+    def has_damaged_names(self) -> bool:
+        """Whether its results are in a column of names, most cells of which have faults."""
         has_name = self.way.is_named or is_name(self.way.results[0][-1][1:])
-        is_fault_of_form = has_name and self.num_faults > len(self.rows)
-        return is_fault_of_form or (not self.is_like(best) and self.is_rival_of(best))
+        return has_name and self.num_faults > len(self.rows)
 
     def is_like(self, other: "ReadingCandidate") -> bool:
         """Return whether two readings share most of their recipes."""
@@ -187,7 +185,11 @@ def choose(
     alike = [best, *(reading for reading in documented if reading.is_like(best))]
     best = max(alike, key=lambda reading: len(reading.recipes))
     # Another column of results, whose cells have to be mended first, may be the right one.
-    damaged = [reading for reading in candidates if reading.is_damaged_rival_of(best)]
+    damaged = [
+        reading
+        for reading in candidates
+        if reading.way.parts == best.way.parts and reading.has_damaged_names
+    ]
     if damaged:
         return damaged[0]
     rivals = [

@@ -367,12 +367,12 @@ def load_json(path: Path, text: str) -> tuple[Any, bool]:
     return [parsed_json(path, line, number) for number, line in lines if line.strip()], True
 
 
-def parsed_json(path: Path | str, text: str, line: int | None = None) -> Any:
+def parsed_json(path: Path | str, text: str | bytes, line: int | None = None) -> Any:
     """Parse one JSON value; an object with a key twice is refused, where Python drops the first.
 
     Args:
         path: the file, for errors.
-        text: the value.
+        text: the value; bytes may begin with a byte order mark.
         line: number of the text's line in the file; None for a text that is the whole file.
 
     Raises:
@@ -386,7 +386,7 @@ def parsed_json(path: Path | str, text: str, line: int | None = None) -> Any:
         raise RecipeFileError(f"{path}, {position}: not JSON ({error.msg}).") from None
     except RecursionError:
         raise RecipeFileError(f"{path}: nested too deeply for a recipe book.") from None
-    except ValueError as error:  # such as a number of thousands of digits
+    except ValueError as error:  # such as a number of thousands of digits, or another encoding
         raise RecipeFileError(f"{path}: not a recipe book ({error}).") from None
 
 

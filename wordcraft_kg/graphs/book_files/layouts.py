@@ -188,15 +188,18 @@ def read_pack(files: Iterable[tuple[str, bytes]]) -> FileRows:
 
     Args:
         files: names and bytes of its JSON files: recipes, and tags of items.
+
+    Raises:
+        RecipeFileError: if a file is no object of JSON.
     """
     tags: Tags = {}
     recipes: list[tuple[str, Any]] = []
     for name, data in files:
-        value = _parsed(name, data)
+        value = _object_in(name, data)
         parts = PurePosixPath(name).with_suffix("").parts
         if "tags" not in parts:
             recipes.append((name, value))
-        elif isinstance(value, dict) and isinstance(value.get("values"), list):
+        elif isinstance(value.get("values"), list):
             # data/demo/tags/items/planks is the tag demo:planks; below tags is the registry.
             at = parts.index("tags")
             tag = f"{parts[at - 1]}:{'/'.join(parts[at + 2 :])}"
@@ -217,24 +220,16 @@ def read_pack(files: Iterable[tuple[str, bytes]]) -> FileRows:
     )
 
 
-def _parsed(name: str, data: bytes) -> Any:
-    """Return the value in a file, or the file's fault."""
-    try:
-        # Some editors write a byte order mark, which the game reads over.
-        value = parsed_json(name, data.decode("utf-8-sig"))
-    except RecipeFileError as error:
-        return Fault(name, "row", str(error), "not JSON")
-    except ValueError as error:
-        return Fault(name, "row", f"{name}: not JSON ({type(error).__name__}).", "not JSON")
-    if isinstance(value, dict):
-        return value
-    return Fault(name, "row", f"{name} is {shown(value)}; expected an object.", "not an object")
+def _object_in(name: str, data: bytes) -> dict[str, Any]:
+    """Return the object in a file of a pack."""
+    value = parsed_json(name, data)
+    if not isinstance(value, dict):
+        raise RecipeFileError(f"{name} is {shown(value)}; expected an object.")
+    return value
 
 
-def _recipes(tags: Tags, name: str, value: Any) -> tuple[list[Entry], int]:
+def _recipes(tags: Tags, name: str, value: dict[str, Any]) -> tuple[list[Entry], int]:
     """Return the recipes in a file, and how many numbers of pieces they do not keep."""
-    if isinstance(value, Fault):
-        return [value], 0
     parts = _parts(value)
     result: Any = next(filter(None, map(value.get, _RESULT_KEYS)), [])
     results = result if isinstance(result, list) else [result]

@@ -140,7 +140,7 @@ BAD_TABLES = {
         TABLE + 'a,"b"b,c\n',
         "book.csv, line 2: a quote without its end, or text behind it",
     ),
-    "XML": ("xml", "<a>\n<b/>\n</a>\n", "XML, which is not read"),
+    "XML": ("xml", "<a>\n<b/>\n</a>\n", "no table, because commas give 1 column"),
     "no ending": ("", "a b c\n", "no table, because commas give 1 column"),
 }
 

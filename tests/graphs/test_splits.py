@@ -391,7 +391,6 @@ def test_a_published_split_survives_a_folder_and_is_named_in_the_audit(tmp_path)
         ("part,result\nlearn,mud\n", "no split .*learn"),
         ("part,result\ntrain,mud\nlearn,wall\n", "line 3: the part 'learn'"),
         ("part,result\ntrain,mud,brick\n", "line 2 has more cells"),
-        ("part,ingredient,ingredient,result\ntrain,a,b,mud\n", "two columns"),
         ('part,result\ntrain,"mud\n' + 200_000 * "x", "no split .*field larger"),
         ('{"train": [[["water"], "mud"]], "test": ["wall"]}', "Expected `str`, got `array`"),
         ('{"train": [{"mud": 1}], "test": ["wall"]}', "got `object`"),

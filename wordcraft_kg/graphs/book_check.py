@@ -371,8 +371,6 @@ def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Findi
 
 
 def _unreachable(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
-    import networkx as nx
-
     if not graph.base:
         message = (
             "no entity lacks a recipe, so no base can be inferred and nothing can be made. Name the "
@@ -381,20 +379,8 @@ def _unreachable(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Fin
         yield _problem("unreachable", message)
         return
     is_idle = graph.recipe_counts + graph.use_counts == 0
-    is_outside = (layers(graph) < 0) & ~is_idle
-    # An arrow from an ingredient to what it makes, among entities out of reach alone.
-    # From the rows, as triples of a large book take more memory than the book itself.
-    outside = set(np.flatnonzero(is_outside).tolist())
-    needs = nx.DiGraph()
-    needs.add_nodes_from(sorted(outside))
-    rows = graph.sets[is_outside[graph.sets[:, -1]]].tolist()
-    for *ingredients, result in rows:
-        needs.add_edges_from(
-            (ingredient, result) for ingredient in ingredients if ingredient in outside
-        )
-    # Entities that need one another are one finding, not one each.
-    for island in sorted(nx.weakly_connected_components(needs), key=min):
-        labels = graph.labels(sorted(island))
+    labels = graph.labels(np.flatnonzero((layers(graph) < 0) & ~is_idle))
+    if labels:
         subject = counted(len(labels), "entity", "entities")
         message = (
             f"{subject} cannot be made from the base ({_listed(graph.base)}): {_listed(labels)}"

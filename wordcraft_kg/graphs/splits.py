@@ -733,19 +733,15 @@ def _json_entries(document: Any) -> Iterator[_Entry]:
 def _table_entries(text: str) -> Iterator[_Entry]:
     """Yield the entries of a table with a header; blank cells are no ingredients."""
     # Line ends of any system; a label holds none.
-    reader = csv.DictReader(io.StringIO(text, newline=None))
-    columns = [name.strip() for name in reader.fieldnames or ()]
-    if not {"part", "result"}.issubset(columns):
+    reader = csv.DictReader(io.StringIO(text, newline=None), restkey="further")
+    reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
+    if not {"part", "result"}.issubset(reader.fieldnames):
         raise ValueError("no columns part and result")
-    # Spreadsheets leave columns and rows of blanks.
-    named = [name for name in columns if name]
-    if len(set(named)) < len(named):
-        raise ValueError("two columns have the same name")
-    reader.fieldnames = columns
     for row in reader:
-        if None in row:
+        if "further" in row:
             raise ValueError(f"line {reader.line_num} has more cells than the header")
         cells = {name: (cell or "").strip() for name, cell in row.items()}
+        # Spreadsheets leave rows of blanks.
         if not any(cells.values()):
             continue
         part = _PART_OF_NAME.get(cells["part"].lower())

@@ -64,7 +64,8 @@ _SIGNS_IN_LABELS = (
 """Signs that labels hold as well; cells that all have one are not read."""
 _OFTEN = 0.5  # share of the cells with a joiner
 _MOST_WITHOUT_GRID = 3  # ingredients; more may be the slots of a crafting grid
-_OPENING, _CLOSING = ("(", "[", "{"), (")", "]", "}")
+_LISTED = re.compile(r"\s*[\[({].*[\])}]\s*", re.DOTALL)
+_QUOTED_LIST = re.compile(r"\s*[\[({]\s*[\"'].*[\])}]\s*", re.DOTALL)
 _ALTERNATIVE = re.compile(r"[;|]| or | / |<br\s*/?>|, ", re.IGNORECASE)
 _FIGURE = re.compile(rf"{NUMBER}?[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?%?")
 
@@ -146,9 +147,6 @@ def ambiguity(ingredients: Sequence[str], joiner: str) -> str:
         ingredients: parts between joiners, such as "water", "earth or rain", "dirt".
         joiner: the sign between them.
     """
-    first, last = ingredients[0], ingredients[-1]
-    if len(ingredients) > 1 and first.startswith(_OPENING) and last.endswith(_CLOSING):
-        return f"{joiner.join(ingredients)[:80]!r} is a list; {_WITHOUT_BRACKETS}"
     for part in ingredients:
         sign = _ALTERNATIVE.search(part)
         has_sum = joiner.strip() != "+" and " + " in part
@@ -190,6 +188,8 @@ def _pieces(
         )
     if not isinstance(value, str) or not value or joiner == "":
         return labels
+    if _LISTED.fullmatch(value):
+        raise _UnsureError(f"{value[:80]!r} is a list; {_WITHOUT_BRACKETS}")
     several = [part.strip() for part in value.split(joiner)] if joiner else [value]
     signs = (*JOINERS, *_SIGNS_IN_LABELS)
     if joiner is None or (len(several) == 1 and any(sign in value for sign in signs)):
@@ -247,7 +247,6 @@ _WRAPPED = re.compile(
     r"|\[\[[^\[\]|]+\]\]|\[[^\[\]]+\]\([^()\s]*\)|!\[.*|.*\(https?://[^\s()]*\)"
 )
 """Quotes, markup of wikis and Markdown around a whole cell, and an image or address beside it."""
-_LISTED = re.compile(r"\s*[\[({]\s*[\"'].*[\])}]\s*", re.DOTALL)
 _FORMULA = re.compile(
     r"[=@]\s*[A-Z.]+\(|=\$?[A-Z]{1,3}\$?\d|#(?:REF|VALUE|NAME|DIV/0|NULL|NUM)[!?]|#N/A$"
 )
@@ -275,7 +274,7 @@ def cell_fault(text: str) -> str | None:
             f"{text!r} may be a missing value or a label. Leave the cell empty; if it is a "
             f"label, write a table with the columns {_OWN_NAMES}."
         )
-    if _LISTED.fullmatch(text):
+    if _QUOTED_LIST.fullmatch(text):
         return f"{text[:80]!r} is a list; {_WITHOUT_BRACKETS}"
     if " + " in text:
         return (

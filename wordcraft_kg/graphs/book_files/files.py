@@ -231,27 +231,13 @@ _MARKS = {
     codecs.BOM_UTF16_LE: "utf-16",
     codecs.BOM_UTF16_BE: "utf-16",
 }
+
+
 _NOT_OF_FILES = frozenset(
     {"punycode", "idna", "unicode_escape", "raw_unicode_escape", "undefined", "mbcs", "oem"}
     | {"unicode-escape", "raw-unicode-escape"}
 )
 """Python's encodings of names and source code, not of files."""
-_SAMPLE = 2**16  # characters at the start of a text
-_FORMATS = {
-    "HTML": r"\A\s*<(?:!doctype html|html|head|body|table|div|ul|ol|p)\b",
-    "XML": r"\A\s*<[?!\w]",
-    "SQL": r"^\s*(?:INSERT\s+INTO|CREATE\s+TABLE)\b",
-    "a table of MediaWiki": r"\A\s*\{\|",
-    "a table of DokuWiki": r"\A\s*\^.+\^\s*$",
-    "a table of Jira": r"\A\s*\|\|.+\|\|\s*$",
-    "a table that a database printed": r"^\s*(?:\+-[+-]+\+|-+\+-[+-]+)\s*$",
-    "a table of reStructuredText": r"^={2,} +={2,}[ =]*$",
-    "LaTeX": r"\\(?:begin|end)\{",
-    "program code": r"^\s*(?:const|let|var|function|def|class|import|local) ",
-    "TOML": r"^\s*\[{1,2}[\w.\"' -]+\]{1,2}\s*$",
-    "YAML": r"^(?:---\s*$|[^\s,:;|]+:\s*(?:[\[{|>].*)?$|\s*- [^,;|]+:)",
-}
-"""Signs of formats, the more certain ones first."""
 
 
 def check_encoding(encoding: str | None) -> None:
@@ -316,18 +302,6 @@ def _decode(path: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
     if not text.strip():
         raise RecipeFileError(f"{path} is empty; a recipe book needs at least one recipe.")
     return text, name
-
-
-def foreign_format(text: str) -> str | None:
-    r"""Return the format of a text that is neither a table nor lines nor JSON, or None.
-
-    Example:
-        >>> foreign_format("mud:\n  - [water, earth]"), foreign_format("a,b,c")
-        ('YAML', None)
-    """
-    sample = text[:_SAMPLE]
-    flags = re.IGNORECASE | re.MULTILINE
-    return next((name for name, sign in _FORMATS.items() if re.search(sign, sample, flags)), None)
 
 
 # --- JSON ----------------------------------------------------------------------------------------

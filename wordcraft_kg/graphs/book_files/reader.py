@@ -21,7 +21,6 @@ from wordcraft_kg.graphs.book_files.documents import Document, read_document
 from wordcraft_kg.graphs.book_files.files import (
     Content,
     check_encoding,
-    foreign_format,
     is_json,
     load_json,
     read_content,
@@ -250,16 +249,10 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
         return read_lines(path, text)
     delimiter = None if options.delimiter is None else delimiter_of(options.delimiter)
     usual = ENDINGS.get(ending, ",")
-    try:
-        table, document = read_table(path, text, delimiter, usual=usual, columns=options.columns)
-        source = find(document, table)
-        source.records = dict(zip(document.places, document.value, strict=True))
-        return source
-    except RecipeFileError:
-        foreign = foreign_format(text)
-        if foreign is None:
-            raise
-        raise refusal(path, f"{foreign}, which is not read", "table") from None
+    table, document = read_table(path, text, delimiter, usual=usual, columns=options.columns)
+    source = find(document, table)
+    source.records = dict(zip(document.places, document.value, strict=True))
+    return source
 
 
 class BookRows:

@@ -359,10 +359,8 @@ def _row_fault(
 ) -> Fault | None:
     """Return why a row below the header is no recipe, or None."""
     number, cells = row.number, _without_blanks(row.cells)
-    if names and cells == names:
-        message = "the header is repeated in the middle"
-        return Fault(number, "header", message, message)
-    if not header_words.isdisjoint(map(str.casefold, cells)) and _are_names(cells):
+    is_of_words = not header_words.isdisjoint(map(str.casefold, cells)) and _are_names(cells)
+    if is_of_words or (names and cells == names):
         message = f"{', '.join(cells)!r:.80} names the columns again; keep one table."
         return Fault(number, "header", message, "header")
     if names and len(cells) > len(names):

@@ -5,9 +5,7 @@ give the others away. Add a kind of split to :data:`SPLITS`, here or by ``@split
 :mod:`wordcraft_kg.plugins`. :func:`read_published_split` takes the parts from somebody's file.
 """
 
-import csv
 import hashlib
-import io
 import json
 import logging
 from collections.abc import Callable, Iterator, Sequence
@@ -49,7 +47,7 @@ from wordcraft_kg.graphs.arrays import (
 )
 from wordcraft_kg.graphs.book_files.files import MAX_BOOK_SIZE, without_repeated_keys
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS, Recipe, shown
+from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS, Recipe
 from wordcraft_kg.graphs.triples import is_in, recipe_triples
 
 _SPLIT_FORMAT = "wordcraft-kg split 1"
@@ -628,10 +626,7 @@ _PART_OF_NAME = {
     **dict.fromkeys(("valid", "validation", "val", "dev"), VALID),
     "test": TEST,
 }
-_EXPECTED = (
-    "expected a table with the columns part, result and, for single recipes, ingredient_a, "
-    'ingredient_b, ..., or JSON such as {"train": ["mud"], "test": [["mud", "fire", "brick"]]}'
-)
+_EXPECTED = 'expected JSON such as {"train": ["mud"], "test": [["mud", "fire", "brick"]]}'
 _Labels = Annotated[list[str], msgspec.Meta(min_length=1)]
 _Listing = list[str | _Labels] | dict[str, list[_Labels]]
 """A part in JSON: results and recipes, or sets by result; an empty set is no recipe."""
@@ -643,16 +638,15 @@ _Entry = tuple[tuple[str, ...], int]
 def read_published_split(path: Path, graph: RecipeGraph, *, fold: bool = False) -> Split:
     """Read a split from a file.
 
-    A table names results or recipes, with the columns ``part``, ``result`` and perhaps the
-    ingredient columns of our own table. JSON has a list for each part, or an object of results with
-    their sets as in a recipe book: ``{"train": {"mud": [["water", "earth"]]}, "test": ["brick"]}``.
-    A result stands for all its recipes. Other keys and columns, such as a licence, are ignored.
+    JSON has a list for each part, or an object of results with their sets as in a recipe book:
+    ``{"train": {"mud": [["water", "earth"]]}, "test": ["brick"]}``. A result stands for all its
+    recipes. Other keys, such as a licence, are ignored.
 
     The split is by-goal if the file holds out whole results, else by-recipe-plain; its ratios are
     the shares of the recipes.
 
     Args:
-        path: a CSV or JSON file, also in gzip.
+        path: a JSON file, also in gzip.
         graph: the graph whose recipes it divides.
         fold: whether labels are folded to lower case, as those of the graph were.
 
@@ -700,15 +694,13 @@ def read_published_split(path: Path, graph: RecipeGraph, *, fold: bool = False) 
 
 
 def _entries(path: Path, data: bytes) -> list[_Entry]:
-    """Return the entries of a JSON or CSV file; SplitError for a file of another shape."""
+    """Return the entries of a file; SplitError for a file of another shape."""
     try:
-        text = data.decode("utf-8-sig")
-        if text.lstrip()[:1] in ("{", "["):
-            return list(_json_entries(json.loads(text, object_pairs_hook=without_repeated_keys)))
-        return list(_table_entries(text))
+        document = json.loads(data, object_pairs_hook=without_repeated_keys)
+        return list(_json_entries(document))
     except RecursionError:
         raise SplitError(f"{path}: no split (nested too deeply); {_EXPECTED}.") from None
-    except (ValueError, csv.Error, msgspec.ValidationError) as error:
+    except (ValueError, msgspec.ValidationError) as error:
         raise SplitError(f"{path}: no split ({error}); {_EXPECTED}.") from None
 
 
@@ -728,28 +720,6 @@ def _json_entries(document: Any) -> Iterator[_Entry]:
             for row in content:
                 labels = (row,) if isinstance(row, str) else tuple(row)
                 yield labels, part
-
-
-def _table_entries(text: str) -> Iterator[_Entry]:
-    """Yield the entries of a table with a header; blank cells are no ingredients."""
-    # Line ends of any system; a label holds none.
-    reader = csv.DictReader(io.StringIO(text, newline=None), restkey="further")
-    reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
-    if not {"part", "result"}.issubset(reader.fieldnames):
-        raise ValueError("no columns part and result")
-    for row in reader:
-        if "further" in row:
-            raise ValueError(f"line {reader.line_num} has more cells than the header")
-        cells = {name: (cell or "").strip() for name, cell in row.items()}
-        # Spreadsheets leave rows of blanks.
-        if not any(cells.values()):
-            continue
-        part = _PART_OF_NAME.get(cells["part"].lower())
-        if part is None:
-            cell = f"the part {shown(cells['part'])}"
-            raise ValueError(f"line {reader.line_num}: {cell} is not train, valid or test")
-        ingredients = (cell for name, cell in cells.items() if name.startswith("ingredient"))
-        yield (*filter(None, ingredients), cells["result"]), part
 
 
 def _rows(graph: RecipeGraph, entries: list[tuple[str, ...]]) -> tuple[Ids, int]:

@@ -7,7 +7,6 @@ option `columns`. Marks of lists, and markup, are not read.
 
 import io
 import re
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence, Set
 from functools import cache
 from itertools import chain, takewhile
@@ -60,7 +59,6 @@ _OWN = {
     for kind_column in ((), (KIND,))
 }
 _SAMPLE_ROWS = 200
-_EVEN = 0.9  # share of rows with the most frequent number of cells
 _FEWEST_BELOW = 3  # rows below a header of other words
 _HEADER_ROWS = 6  # first rows among which the header is
 _COMMENT = re.compile(r"//|#(?:\s|$)|#\s*(?:base|entities)\s*:", re.IGNORECASE)
@@ -181,31 +179,18 @@ def _tolerant_cells(line: str, delimiter: str) -> list[str]:
         return [cell.strip(" ") for cell in line.rstrip("\r\n").split(delimiter)]
 
 
-def _guess_delimiter(path: Path, lines: Sequence[str], usual: str) -> str:
-    """Guess the delimiter of a table: documented names in a header decide, else even rows.
+def _guess_delimiter(lines: Sequence[str], usual: str) -> str:
+    """Guess the delimiter of a table: documented names in a header decide, else the file's ending.
 
-    Raises:
-        RecipeFileError: if two delimiters fit equally well; the message shows both readings.
+    Args:
+        lines: the first lines.
+        usual: the delimiter of the file's ending.
     """
-    with_header: list[str] = []
-    even: list[str] = []
     for delimiter in DELIMITERS:
-        rows = [_tolerant_cells(line, delimiter) for line in lines]
-        ((width, number),) = Counter(map(len, rows)).most_common(1)
-        if any(map(_are_names, rows[:_HEADER_ROWS])):
-            with_header.append(delimiter)
-        if width >= 3 and number >= _EVEN * len(rows):
-            even.append(delimiter)
-    fitting = with_header or even or [usual]
-    if len(fitting) > 1:
-        readings = [f"{_tolerant_cells(lines[-1], d)} ({DELIMITERS[d]})" for d in fitting[:2]]
-        raise refusal(
-            path,
-            f"two delimiters fit: {' or '.join(readings)}",
-            "table",
-            "Choose one with --delimiter.",
-        )
-    return fitting[0]
+        rows = [_tolerant_cells(line, delimiter) for line in lines[:_HEADER_ROWS]]
+        if any(map(_are_names, rows)):
+            return delimiter
+    return usual
 
 
 def _are_names(cells: Sequence[str]) -> bool:
@@ -278,7 +263,7 @@ def read_table(
         numbers without one.
 
     Raises:
-        RecipeFileError: if two delimiters fit, or the text is no table.
+        RecipeFileError: if the text is no table.
     """
     source = FileRows(Reading(shape="table"))
     lines = list(enumerate(io.StringIO(text, newline=""), start=1))
@@ -298,7 +283,7 @@ def read_table(
                 "Without frame: sed -n '/[^-+:=| ]/{s/^ *| *//; s/ *| *$//; /|/p;}' b.md > c.csv."
             )
             raise refusal(path, "a table of Markdown, which is not read", "table", remedy)
-        delimiter = delimiter or _guess_delimiter(path, sample, usual)
+        delimiter = delimiter or _guess_delimiter(sample, usual)
     faults = list(filter(None, (read_directive(source, *line) for line in head)))
     source.reading = Reading(shape="table", delimiter=delimiter or usual)
     parsed = _parsed(source, lines, source.reading.delimiter)

@@ -549,20 +549,6 @@ def test_a_number_beside_the_label_without_it_is_named(put):
         assert says in read_book(path).reading.line()
 
 
-@pytest.mark.parametrize("mark", ["mud*", "mud ✓", "mud[1]", "1. mud", "★ mud"])
-def test_a_mark_in_a_single_cell_is_named(put, mark):
-    rows = f"water,earth,{mark}\nmud,fire,brick\nwater,fire,steam\n"
-    path = put(OWN + rows)
-    says = f"1 label with a mark, such as '{mark}'"
-    assert says in read_book(path).reading.line()
-
-
-@pytest.mark.parametrize("label", ["Yahoo!", "C+", "mud (wet)", "+1", "*", "3.14"])
-def test_signs_that_belong_to_labels_are_no_marks(put, label):
-    line = read_book(put(OWN + f"water,earth,{label}\n")).reading.line()
-    assert "mark" not in line
-
-
 @pytest.mark.parametrize("header", [OWN, OTHER])
 @pytest.mark.parametrize("blank", ["\u00a0", "\u200b", "\u3000", "\u200f"])
 def test_blanks_that_cannot_be_seen_are_left_out_and_counted(put, header, blank):

@@ -159,12 +159,6 @@ class PlayedGraph(Record, frozen=True):
         split = opened.split
         return cls(graph.name, graph.hash, split.config.kind, split.config.seed, split.hash)
 
-    @property
-    def in_words(self) -> str:
-        """Graph and split as text, with the first digits of the hashes."""
-        split = f"{self.kind} split {self.split[:12]}, seed {self.split_seed}"
-        return f"{self.name} {self.hash[:12]}, {split}"
-
 
 def entities_frame(graph: RecipeGraph) -> "pd.DataFrame":
     """Return a data frame with a row per entity, in id order.

@@ -476,10 +476,6 @@ _COUNTS = tuple(
     )
 )
 _CLEAR = 0.2  # share of the labels with numbers that is worth a remark
-_MARK = re.compile(
-    r"^(?:[*†‡✓✔☆★⭐✅]+\ufe0f?)\s*(?=\S)|^\d+[.)]\s*(?=[^\W\d])|(?<=\S)\s*(?:[*†‡✓✔☆★⭐🆕✅]+\ufe0f?|\[\d+\])$"
-)
-"""What lists put before or behind a label: stars, ticks, numbers of footnotes."""
 HTML_ENTITY = re.compile(r"&(?:#\d+|#x[0-9a-fA-F]+|[A-Za-z]\w+);")
 
 
@@ -509,7 +505,6 @@ def notes_about(labels: Collection[str]) -> Iterator[str]:
     """Yield remarks about labels that may be something else, for the line about the file."""
     yield from note_of_missing(labels)
     yield from note_of_numbers(labels)
-    yield from note_of_marks(labels)
 
 
 def note_of_missing(labels: Collection[str]) -> Iterator[str]:
@@ -536,24 +531,6 @@ def note_of_numbers(labels: Collection[str]) -> Iterator[str]:
             f"{counted(len(numbered), 'label')} with numbers, such as {example}{also}; numbers of "
             "pieces are no part of a label"
         )
-
-
-def note_of_marks(labels: Collection[str]) -> Iterator[str]:
-    """Yield a remark, or none, about labels with marks of lists, such as a star."""
-    marked = sorted(filter(_has_mark, labels))
-    if marked:
-        yield (
-            f"{counted(len(marked), 'label')} with a mark, such as {_quoted(marked[0])}; remove it "
-            "if it is no part of the label"
-        )
-
-
-def _has_mark(label: str) -> bool:
-    # Most labels begin with a letter and end in one, and need no pattern.
-    if label[0].isalpha() and label[-1].isalpha():
-        return False
-    bare = _MARK.sub("", label)
-    return bare != label and any(map(str.isalnum, bare))
 
 
 def _quoted(label: str) -> str:

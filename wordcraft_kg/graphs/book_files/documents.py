@@ -497,7 +497,7 @@ def _candidate(
     kind_path = (*way.parts[0][:-1], f".{KIND}")
     read_paths = {path[:end] for path in (*way_paths, kind_path) for end in range(len(path) + 1)}
     ignored_paths = [path for path in cells if path not in read_paths and path[-1:] != (KEY,)]
-    raws = list(_raws(document, way))
+    raws = list(_raws(document, way, has_kinds=kind_path in cells and kind_path not in way_paths))
     joiner: str | None = ""
     if len(way.parts) == 1:
         raws = list(chain.from_iterable(_without_lists(raw, way) for raw in raws))
@@ -558,14 +558,13 @@ def _without_lists(raw: Raw, way: Way) -> Iterator[Raw]:
         yield raw._replace(parts=cells)
 
 
-def _raws(document: Document, way: Way) -> Iterator[Raw]:
-    """Yield the rows at the paths of a way, those of records with kinds."""
+def _raws(document: Document, way: Way, *, has_kinds: bool) -> Iterator[Raw]:
+    """Yield the rows at the paths of a way, those of records with kinds if there are any."""
     paths = (*way.parts, *way.results)
     if all(len(path) == 2 and path[0] == EACH and path[1].startswith(".") for path in paths):
         # Flat records, many times faster.
         parts = [path[-1][1:] for path in way.parts]
         result_names = [path[-1][1:] for path in way.results]
-        has_kinds = (EACH, f".{KIND}") not in paths
         places: Iterable[Place] = document.places or map("[{}]".format, count())
         for place, row in zip(places, document.value, strict=False):
             if isinstance(row, dict):

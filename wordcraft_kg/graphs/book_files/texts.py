@@ -428,7 +428,8 @@ def read_lines(path: Path, text: str) -> FileRows:
                 remedy = "Write a sum, a sign and the results on each line, these between commas."
             raise refusal(path, f"line {number} has a sum behind its sign", "lines", remedy)
         else:
-            raws.append(Raw(number, sides[:1], [side.strip() for side in sides[1].split(",")]))
+            results = [result.strip() for result in sides[1].split(",")]
+            raws.append(Raw(number, sides[:1], [results]))
     joiner = find_joiner([raw.parts[0] for raw in raws if raw.parts[0]])
     for raw in raws:
         entries += rows_of_raw(raw, joiner, {})

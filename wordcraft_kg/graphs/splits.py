@@ -371,7 +371,9 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
     parts = _drawn_parts(graph, config, rng)
     num_moved = _cover_entities(graph, parts, rng) if config.kind == "by-recipe" else 0
     split = Split(graph, config, parts, num_moved)
-    required_parts: list[Part] = ["train", "test", *(["valid"] if config.valid_ratio > 0 else [])]
+    required_parts: tuple[Part, ...] = ("train", "test")
+    if config.valid_ratio > 0:
+        required_parts = (*required_parts, "valid")
     for part in required_parts:
         if not split.is_in(part).any():
             groups = counted(len(np.unique(groups_of(graph, config.kind))), "group")

@@ -218,15 +218,17 @@ def _loose(
 ) -> RecipeFileError:
     """Return the error for a book that does not hang together."""
     num_results = len(best.results)
+    # Where another column names the ingredients, its results are rather named twice.
+    is_plausible = best.is_clean and not best.names_ingredients_elsewhere
     problem = (
-        f"read as {best if best.is_clean else _shown(best)}, {best.share * num_results:.0f} of "
+        f"read as {best if is_plausible else _shown(best)}, {best.share * num_results:.0f} of "
         f"{num_results:,} results are ingredients of other recipes, so that this reading may be "
         "wrong"
     )
     if replace(best, fold=True).hangs_together:
         return refusal(path, problem, anchor, "Labels differ in case only: --case fold joins them.")
     remedy = _NAME_COLUMNS
-    if best.is_clean:
+    if is_plausible:
         remedy = "If it is right, as in chemistry or cooking, say so with these --columns."
     return _several(path, problem, rivals, anchor, remedy)
 

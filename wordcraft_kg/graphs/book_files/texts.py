@@ -429,7 +429,7 @@ def read_lines(path: Path, text: str) -> FileRows:
             raise refusal(path, f"line {number} has a sum behind its sign", "lines", remedy)
         else:
             results = [result.strip() for result in sides[1].split(",")]
-            raws.append(Raw(number, sides[:1], [results]))
+            raws.append(Raw(number, sides[:1], results))
     joiner = find_joiner([raw.parts[0] for raw in raws if raw.parts[0]])
     for raw in raws:
         entries += rows_of_raw(raw, joiner, {})

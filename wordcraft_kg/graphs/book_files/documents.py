@@ -137,8 +137,7 @@ def read_document(
         allows_single: see :func:`~wordcraft_kg.graphs.book_files.rule.choose`.
 
     Raises:
-        RecipeFileError: if the document has no reading that the rule takes, with all readings as
-            commands.
+        RecipeFileError: if the document has no reading that the rule takes.
         ConfigError: if ``columns`` lead nowhere.
     """
     _take_base(path, document, source)

@@ -1,8 +1,7 @@
 """The bytes and the text of a recipe book: files and folders, gzip and zip, encodings, JSON.
 
-Nothing is unpacked to the disk. Files that cannot be recipe books are named by their first bytes
-or the signs of other text formats. No encoding is guessed: many fit the same bytes, and give other
-labels.
+Nothing is unpacked to the disk. Files that cannot be recipe books are named by their first bytes.
+No encoding is guessed: many fit the same bytes, and give other labels.
 """
 
 import codecs

@@ -179,3 +179,21 @@ def test_an_export_that_cannot_be_is_refused(kitchen, tmp_path, monkeypatch, set
     with refuses(setting):
         export_graph(opened(kitchen), format, tmp_path / "out", part=part)
     assert not list(tmp_path.iterdir())
+
+
+def test_rdf_holds_labels_triples_and_recipes(tmp_path):
+    """The lines are those of N-Triples, with its escapes; a pair of one thing names it once."""
+    graph = RecipeGraph.from_recipes([("é+", "é+", 'a "b\\')])
+    path = exported(opened(graph, SplitConfig("none")), "nt", tmp_path)
+    text = path.read_text(encoding="utf-8").replace("urn:wordcraft-kg:", "")
+    label = "<http://www.w3.org/2000/01/rdf-schema#label>"
+    recipe = "<recipe:%C3%A9%2B+%C3%A9%2B=a%20%22b%5C>"
+    assert text.splitlines() == [
+        f'<entity:a%20%22b%5C> {label} "a \\"b\\\\" .',
+        f'<entity:%C3%A9%2B> {label} "é+" .',
+        "<entity:%C3%A9%2B> <relation:combinesWith> <entity:%C3%A9%2B> .",
+        "<entity:%C3%A9%2B> <relation:componentOf> <entity:a%20%22b%5C> .",
+        f"{recipe} <http://www.w3.org/1999/02/22-rdf-syntax-ns#type> <Recipe> .",
+        f"{recipe} <role:ingredient> <entity:%C3%A9%2B> .",
+        f"{recipe} <role:result> <entity:a%20%22b%5C> .",
+    ]

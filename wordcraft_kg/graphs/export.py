@@ -3,11 +3,13 @@
 Add a format as an :class:`Exporter` in :data:`EXPORTERS`.
 """
 
+import json
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
+from urllib.parse import quote
 
 import numpy as np
 
@@ -25,6 +27,14 @@ if TYPE_CHECKING:
     import networkx as nx
     import pandas as pd
 
+NAMESPACE = "urn:wordcraft-kg:"
+"""Prefix of IRIs in RDF; labels in IRIs are percent-encoded.
+
+The rest is ``entity:<label>``, ``recipe:<a>+<b>=<result>`` with all ingredients,
+``relation:<name>``, ``role:ingredient`` or ``role:result``.
+"""
+_RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
+_RDFS_LABEL = "http://www.w3.org/2000/01/rdf-schema#label"
 ExportPart = Literal["full", "partial", "unseen"]
 """All recipes, the train recipes, or the held-out recipes and the triples of no train recipe."""
 MOST_BYTES = 4 * 2**30
@@ -85,7 +95,7 @@ def export_graph(
         raise ConfigError(
             f"`format` {format!r}: {graph.num_recipes:,} recipes would take about "
             f"{needed_bytes / 2**30:.0f} GiB of memory; expected at most {MOST_BYTES / 2**30:.0f}. "
-            "Take tsv, parquet, csv, json or sentences, which need little."
+            "Take nt, tsv, parquet, csv, json or sentences, which need little."
         )
     # Unseen triples are those that train recipes do not give; an unseen recipe may give others.
     triples = opened.split.unseen if part == "unseen" else opened.triples(part)
@@ -147,6 +157,29 @@ def _hif(graph: RecipeGraph) -> dict[str, Any]:
         "edges": edges,
         "incidences": incidences,
     }
+
+
+def _rdf_lines(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
+    """Yield N-Triples: labels, triples, and a node for each recipe."""
+    # An IRI holds neither blanks nor most signs; "+" and "=" part the names in that of a recipe.
+    names = [quote(label, safe="") for label in graph.entities]
+    entities = [f"<{NAMESPACE}entity:{name}>" for name in names]
+    for iri, label in zip(entities, graph.entities, strict=True):
+        # Each escape of JSON is one of N-Triples, if characters beyond ASCII stay.
+        yield f"{iri} <{_RDFS_LABEL}> {json.dumps(label, ensure_ascii=False)} .\n"
+    for head, relation, tail in triples.tolist():
+        predicate = f"<{NAMESPACE}relation:{RELATIONS[relation]}>"
+        yield f"{entities[head]} {predicate} {entities[tail]} .\n"
+    for row, size in zip(graph.sets.tolist(), graph.sizes.tolist(), strict=True):
+        # Named after its labels, so that equal recipes of two graphs are one node. A statement is
+        # there once, so that only this name has the same ingredient twice.
+        ingredients, result = row[:size], row[-1]
+        sum_of_names = "+".join(names[entity] for entity in ingredients)
+        recipe = f"<{NAMESPACE}recipe:{sum_of_names}={names[result]}>"
+        yield f"{recipe} <{_RDF_TYPE}> <{NAMESPACE}Recipe> .\n"
+        for entity in dict.fromkeys(ingredients):
+            yield f"{recipe} <{NAMESPACE}role:ingredient> {entities[entity]} .\n"
+        yield f"{recipe} <{NAMESPACE}role:result> {entities[result]} .\n"
 
 
 def to_networkx(graph: RecipeGraph) -> "nx.MultiDiGraph":
@@ -215,6 +248,10 @@ EXPORTERS = {
         "GraphML, with a node for each recipe between its ingredients and its result",
         _graphml,
         _GRAPHML_BYTES,
+    ),
+    "nt": Exporter(
+        "RDF N-Triples, with a node for each recipe",
+        lambda graph, triples, path: write_atomically(path, _rdf_lines(graph, triples)),
     ),
     "parquet": Exporter(
         "triples as a Parquet table",

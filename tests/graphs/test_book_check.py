@@ -81,6 +81,7 @@ def test_everything_wrong_is_reported_in_one_run_with_its_lines(check):
         ("spelling", (3, 6)),
         ("comma", (5,)),
         ("unreachable", (5, 6, 7)),
+        ("cycle", (7,)),
         ("row", (9,)),
         ("self-result", (10,)),
         ("label", (11,)),
@@ -94,6 +95,10 @@ def test_everything_wrong_is_reported_in_one_run_with_its_lines(check):
     assert (
         message(found, "comma")
         == "the label 'salt, white' contains a comma, at which other tools may split it"
+    )
+    assert (
+        message(found, "cycle")
+        == "every recipe of these needs another of them, so none can be made first: egg, hen"
     )
 
 
@@ -153,6 +158,12 @@ def test_what_reads_is_checked_as_the_graph_it_makes(tmp_path_factory, name, boo
         assert ("self-result" in {f.kind for f in found.findings}) == (
             read.dropped_self_results > 0
         )
+
+
+def test_what_waits_for_something_else_is_no_circle(check):
+    waiting = check("# base: a\n" + HEADER + "a,a,b\nx,y,hen\nhen,hen,egg\negg,x,hen\n")
+    assert messages(waiting, "unreachable")
+    assert not messages(waiting, "cycle")
 
 
 def test_the_base_may_be_given(check):

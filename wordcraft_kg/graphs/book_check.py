@@ -119,9 +119,9 @@ def check_book(
     :func:`~wordcraft_kg.graphs.book_files.read_book`. Equal findings are one finding with all lines.
 
     Problems are: an encoding other than UTF-8, labels with commas, bad rows, recipes listed twice or made from themselves, labels in two spellings,
-    unused base entities, and entities out of reach from the base. Notes are: an inferred base,
-    invisible characters, HTML entities, singular and plural forms of a word, rows that are no
-    recipe, and listed entities without a recipe.
+    unused base entities, entities out of reach from the base, and circles of entities that need
+    each other. Notes are: an inferred base, invisible characters, HTML entities, singular and
+    plural forms of a word, rows that are no recipe, and listed entities without a recipe.
 
     Args:
         path: a file in any readable shape. Only findings in text have line numbers.
@@ -378,14 +378,37 @@ def _unreachable(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Fin
         )
         yield _problem("unreachable", message)
         return
+    import networkx as nx
+
     is_idle = graph.recipe_counts + graph.use_counts == 0
-    labels = graph.labels(np.flatnonzero((layers(graph) < 0) & ~is_idle))
+    is_outside = (layers(graph) < 0) & ~is_idle
+    labels = graph.labels(np.flatnonzero(is_outside))
     if labels:
         subject = counted(len(labels), "entity", "entities")
         message = (
             f"{subject} cannot be made from the base ({_listed(graph.base)}): {_listed(labels)}"
         )
         yield _problem("unreachable", message, _at(labels[:LISTED], line_of))
+    # An arrow from each ingredient to what it makes; those within reach have no arrow to them.
+    makes = nx.DiGraph(
+        (ingredient, result)
+        for *ingredients, result in graph.sets[is_outside[graph.sets[:, -1]]].tolist()
+        for ingredient in ingredients
+    )
+    for circle in sorted(nx.strongly_connected_components(makes), key=min):
+        # Else they wait for something else, which is out of reach, too.
+        if len(circle) > 1 and all(
+            not circle.isdisjoint(graph.sets[row, :-1].tolist())
+            for entity in circle
+            for row in graph.recipes_of(entity)
+        ):
+            labels = graph.labels(sorted(circle))
+            yield _problem(
+                "cycle",
+                "every recipe of these needs another of them, so none can be made first: "
+                f"{_listed(labels)}",
+                _at(labels[:LISTED], line_of),
+            )
 
 
 def _plurals(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:

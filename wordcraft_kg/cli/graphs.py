@@ -167,8 +167,8 @@ def check_book(
         book: recipe book: a table, lines a + b = c, JSON, a save of Infinite Craft, a folder of
             Minecraft recipes, also in gzip or zip; or a known book's name.
         fix: write the mended book to this .csv, .tsv or .json file: readable recipes, each once,
-            without results among their ingredients, in UTF-8 and the file's order; what is left
-            out is printed, such as further columns.
+            without results among their ingredients, in UTF-8 and the file's order, tables with
+            further columns; what is left out is printed.
     """
     if fix is not None:
         check_output_file(fix, force=force, setting="fix")

@@ -13,15 +13,17 @@ from wordcraft_kg.envs.draws import EvaluationTables
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import (
     Recipe,
+    RecipeBook,
     TaskPart,
     known_books,
     open_book,
-    write_book,
+    read_book,
 )
 from wordcraft_kg.graphs.audit import BookFigures
 from wordcraft_kg.graphs.book_check import LISTED, BookCheck, Finding, check_book
 from wordcraft_kg.graphs.book_files import ReadOptions
 from wordcraft_kg.graphs.book_files.rows import Place
+from wordcraft_kg.graphs.book_files.writing import write_book
 from wordcraft_kg.graphs.library import FETCHABLE, KnownBook, cache_folder, data_folder, locate_book
 from wordcraft_kg.graphs.recipes import Reading
 
@@ -144,16 +146,14 @@ def view_check(
     # A file that another process writes during this check is not replaced.
     replaces = fix is not None and fix.exists()
     check = check_book(path, base or located.base, located.name, **options)
+    kept_columns = False
     if fix is not None:
         if check.book is None:
             raise RecipeFileError(
                 f"{path}: no recipe is readable, so nothing was written to {fix}."
             )
-        # In the order of the file.
-        book_recipes = set(check.book.recipes)
-        ordered = [recipe for recipe in check.places if recipe in book_recipes]
         with staged_file(fix, force=replaces) as staged:
-            write_book(replace(check.book, recipes=ordered), staged)
+            kept_columns = _write_mended(check, check.book, staged)
     return CheckedBook(
         book,
         str(path),
@@ -163,8 +163,36 @@ def view_check(
         check.figures or {},
         check.findings,
         {} if fix is None else _left_out(check),
-        () if fix is None or check.reading is None else check.reading.ignored,
+        () if kept_columns or fix is None or check.reading is None else check.reading.ignored,
     )
+
+
+def _write_mended(check: BookCheck, book: RecipeBook, path: Path) -> bool:
+    """Write a book in the order of a checked file, with its further columns if they can be read.
+
+    Args:
+        check: the check.
+        book: its book.
+        path: a .csv, .tsv or .json file.
+
+    Returns:
+        Whether the further columns were written: JSON has none, and one named "result", or labels
+        that are numbers, cannot be read beside our own columns.
+    """
+    recipes = set(book.recipes)
+    ordered = replace(book, recipes=[recipe for recipe in check.places if recipe in recipes])
+    if check.reading is not None and check.records and path.suffix.lower() != ".json":
+        records = {recipe: check.records[check.places[recipe]] for recipe in ordered.recipes}
+        columns = {
+            name: {recipe: record[name] for recipe, record in records.items()}
+            for name in check.reading.ignored
+        }
+        write_book(ordered, path, columns)
+        with suppress(RecipeFileError):
+            if read_book(path).recipes == book.recipes:
+                return True
+    write_book(ordered, path)
+    return False
 
 
 def _left_out(check: BookCheck) -> dict[str, tuple[Place, ...]]:

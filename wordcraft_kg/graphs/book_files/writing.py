@@ -1,7 +1,7 @@
 """Write recipe books: tables with our own header, or our own JSON."""
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -10,17 +10,21 @@ from wordcraft_kg.base import RecipeFileError, output_target, write_atomically
 from wordcraft_kg.graphs.arrays import json_recipes, row_text
 from wordcraft_kg.graphs.book_files.cells import trim_unseen
 from wordcraft_kg.graphs.book_files.words import KIND, own_header
-from wordcraft_kg.graphs.recipes import RecipeBook, RecipeRows
+from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, RecipeRows
 
 _JSON_FORMAT = "wordcraft-kg recipe book 1"
+Columns = Mapping[str, Mapping[Recipe, str]]
+"""Cells by recipe, of each column."""
 
 
-def write_book(book: RecipeBook, path: Path) -> None:
+def write_book(book: RecipeBook, path: Path, columns: Columns | None = None) -> None:
     """Write a recipe book as ``.csv``, ``.tsv`` or ``.json``; reading restores an equal book.
 
     Args:
         book: the book.
         path: file to write; its ending chooses the format. A link is followed.
+        columns: further columns of a table. Labels that need a table of our own columns alone, such
+            as numbers, are not read beside them.
 
     Raises:
         RecipeFileError: if the ending is another; nothing is written.
@@ -32,7 +36,7 @@ def write_book(book: RecipeBook, path: Path) -> None:
     if ending == ".json":
         write_atomically(target, book_json(book))
     elif ending in (".csv", ".tsv"):
-        lines = recipe_table(book, "," if ending == ".csv" else "\t")
+        lines = recipe_table(book, "," if ending == ".csv" else "\t", columns)
         write_atomically(target, chain(_directives(book), lines))
     else:
         raise RecipeFileError(
@@ -49,21 +53,25 @@ def _directives(book: RecipeBook) -> Iterator[str]:
         yield f"# entities: {csv_line(book.idle, ',')}"
 
 
-def recipe_table(book: RecipeBook, delimiter: str = ",") -> Iterator[str]:
-    """Yield table lines: a header, then ingredients, result and, if the book has kinds, the kind.
+def recipe_table(
+    book: RecipeBook, delimiter: str = ",", columns: Columns | None = None
+) -> Iterator[str]:
+    """Yield table lines: a header, then ingredients and result, and the kind if the book has kinds.
 
     Args:
         book: the book, whose recipes are in the order of the lines.
         delimiter: one character between cells.
+        columns: further columns.
     """
     rows = RecipeRows.of(book.recipes)
     num_ingredients = rows.ids.shape[1] - 1
-    if book.kinds:
-        yield csv_line((*own_header(num_ingredients), KIND), delimiter)
+    facts = ({KIND: book.kinds} if book.kinds else {}) | dict(columns or {})
+    if facts:
+        yield csv_line((*own_header(num_ingredients), *facts), delimiter)
         for recipe in book.recipes:
             blanks = [""] * (num_ingredients - len(recipe.ingredients))
-            kind = book.kinds.get(recipe, "")
-            yield csv_line((*recipe.ingredients, *blanks, recipe.result, kind), delimiter)
+            cells = (cell_of.get(recipe, "") for cell_of in facts.values())
+            yield csv_line((*recipe.ingredients, *blanks, recipe.result, *cells), delimiter)
         return
     yield csv_line(own_header(num_ingredients), delimiter)
     # A label is looked at once, not in each of its recipes; the padding is a blank cell.

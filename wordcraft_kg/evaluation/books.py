@@ -181,13 +181,19 @@ def _write_mended(check: BookCheck, book: RecipeBook, path: Path) -> bool:
     """
     recipes = set(book.recipes)
     ordered = replace(book, recipes=[recipe for recipe in check.places if recipe in recipes])
-    if check.reading is not None and check.records and path.suffix.lower() != ".json":
-        records = {recipe: check.records[check.places[recipe]] for recipe in ordered.recipes}
-        columns = {
-            name: {recipe: record[name] for recipe, record in records.items()}
-            for name in check.reading.ignored
-        }
-        write_book(ordered, path, columns)
+    reading = check.reading
+    if reading is not None and check.records and path.suffix.lower() != ".json":
+        label_of = str.lower if reading.case == "fold" else str
+        rows = {}
+        for recipe in ordered.recipes:
+            record = check.records[check.places[recipe]]
+            # In their order, in which a further column may have numbers of pieces.
+            columns = reading.columns[: -reading.num_results]
+            labels = [label_of(record[name]) for name in columns if record[name]]
+            if sorted(labels) != list(recipe.ingredients):  # such as all of them in one cell
+                labels = sorted(recipe.ingredients, key=" ".join(labels).find)
+            rows[recipe] = (labels, [record[name] for name in reading.ignored])
+        write_book(ordered, path, (reading.ignored, rows))
         with suppress(RecipeFileError):
             if read_book(path).recipes == book.recipes:
                 return True

@@ -1,7 +1,7 @@
 """Write recipe books: tables with our own header, or our own JSON."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -13,17 +13,17 @@ from wordcraft_kg.graphs.book_files.words import KIND, own_header
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, RecipeRows
 
 _JSON_FORMAT = "wordcraft-kg recipe book 1"
-Columns = Mapping[str, Mapping[Recipe, str]]
-"""Cells by recipe, of each column."""
+FurtherCells = tuple[Sequence[str], Mapping[Recipe, tuple[Sequence[str], Sequence[str]]]]
+"""Names of further columns; by recipe, its ingredients in the order of a file and its cells."""
 
 
-def write_book(book: RecipeBook, path: Path, columns: Columns | None = None) -> None:
+def write_book(book: RecipeBook, path: Path, further: FurtherCells | None = None) -> None:
     """Write a recipe book as ``.csv``, ``.tsv`` or ``.json``; reading restores an equal book.
 
     Args:
         book: the book.
         path: file to write; its ending chooses the format. A link is followed.
-        columns: further columns of a table. Labels that need a table of our own columns alone, such
+        further: further columns of a table. Labels that need a table of our own columns alone, such
             as numbers, are not read beside them.
 
     Raises:
@@ -36,7 +36,7 @@ def write_book(book: RecipeBook, path: Path, columns: Columns | None = None) -> 
     if ending == ".json":
         write_atomically(target, book_json(book))
     elif ending in (".csv", ".tsv"):
-        lines = recipe_table(book, "," if ending == ".csv" else "\t", columns)
+        lines = recipe_table(book, "," if ending == ".csv" else "\t", further)
         write_atomically(target, chain(_directives(book), lines))
     else:
         raise RecipeFileError(
@@ -54,24 +54,26 @@ def _directives(book: RecipeBook) -> Iterator[str]:
 
 
 def recipe_table(
-    book: RecipeBook, delimiter: str = ",", columns: Columns | None = None
+    book: RecipeBook, delimiter: str = ",", further: FurtherCells | None = None
 ) -> Iterator[str]:
     """Yield table lines: a header, then ingredients and result, and the kind if the book has kinds.
 
     Args:
         book: the book, whose recipes are in the order of the lines.
         delimiter: one character between cells.
-        columns: further columns.
+        further: further columns.
     """
     rows = RecipeRows.of(book.recipes)
     num_ingredients = rows.ids.shape[1] - 1
-    facts = ({KIND: book.kinds} if book.kinds else {}) | dict(columns or {})
-    if facts:
-        yield csv_line((*own_header(num_ingredients), *facts), delimiter)
+    if book.kinds or further:
+        names, row_of = further or ((), {})
+        kind_names = [KIND] if book.kinds else []
+        yield csv_line((*own_header(num_ingredients), *kind_names, *names), delimiter)
         for recipe in book.recipes:
-            blanks = [""] * (num_ingredients - len(recipe.ingredients))
-            cells = (cell_of.get(recipe, "") for cell_of in facts.values())
-            yield csv_line((*recipe.ingredients, *blanks, recipe.result, *cells), delimiter)
+            ingredients, cells = row_of.get(recipe, (recipe.ingredients, ()))
+            blanks = [""] * (num_ingredients - len(ingredients))
+            kinds = [book.kinds.get(recipe, "")] * len(kind_names)
+            yield csv_line((*ingredients, *blanks, recipe.result, *kinds, *cells), delimiter)
         return
     yield csv_line(own_header(num_ingredients), delimiter)
     # A label is looked at once, not in each of its recipes; the padding is a blank cell.

@@ -220,7 +220,8 @@ def open_rows(path: Path, options: BookOptions) -> "BookRows":
             path,
             f"{odd}, in a form that is not read",
             "table",
-            "Write one label in each cell, the same in all.",
+            "Write one label in each cell, the same in all; what is a label as it stands needs a "
+            "table with the columns ingredient_a,ingredient_b,result alone.",
         )
     return rows
 

@@ -466,7 +466,7 @@ def fetch_file(
             begin = time.monotonic()
             data = bytearray()
             # Each piece as it comes: a server that sends a byte now and then has an end, too.
-            for piece in iter(partial(response.read1, _MAX_BYTES), b""):
+            for piece in iter(partial(response.read1, 2**16), b""):
                 data += piece
                 if len(data) > _MAX_BYTES or time.monotonic() - begin > _LONGEST:
                     raise TimeoutError(f"more than {_MAX_BYTES:,} bytes or {_LONGEST} seconds")

@@ -1,15 +1,14 @@
 """A study report: tables, page and pictures from a study's summarised results."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import chain, groupby
 from operator import attrgetter
-from pathlib import Path
+from statistics import fmean
 
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.charts import Chart
-from wordcraft_kg.reports.pages import Report, write_report
+from wordcraft_kg.reports.pages import Report
 from wordcraft_kg.studies.claims import in_words
 from wordcraft_kg.studies.study import title_of
 from wordcraft_kg.studies.view import (
@@ -19,42 +18,27 @@ from wordcraft_kg.studies.view import (
     VariantMetrics,
 )
 
-
-@dataclass(frozen=True)
-class StudyTable:
-    """A table of texts.
-
-    Attributes:
-        title: the grid point.
-        headings: column headings; the first column names the variants.
-        rows: texts of each variant, one for each heading.
-    """
-
-    title: str
-    headings: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
 _Column = tuple[str, Callable[[VariantMetrics], str]]
 """Heading, and text of a variant's cell."""
 
 
-def tables_of(view: StudyView) -> list[StudyTable]:
-    """Return the tables of a study report, one per grid point with a row per agent.
+def tables_of(view: StudyView) -> list[list[dict[str, str]]]:
+    """Return the tables of a study report: for each grid point a row per variant, by heading.
 
     A column without text at all points is left out of all tables, so that tables stay comparable.
     """
     entries = _entries(view)
-    columns = [(heading, text) for heading, text in _COLUMNS if any(map(text, entries))]
-    over = "[splits]" if view.vary_split else _RESAMPLED
-    headings = tuple(heading.replace(_RESAMPLED, over) for heading, _ in columns)
-
-    def row(entry: VariantMetrics) -> tuple[str, ...]:
-        return tuple(text(entry) for _, text in columns)
-
-    return [
-        StudyTable(point.title, headings, tuple(map(row, point.variants))) for point in view.points
+    over = "[splits]" if view.study.vary_split else _RESAMPLED
+    columns = [
+        (heading.replace(_RESAMPLED, over), text)
+        for heading, text in _COLUMNS
+        if any(map(text, entries))
     ]
+
+    def row(entry: VariantMetrics) -> dict[str, str]:
+        return {heading: text(entry) for heading, text in columns}
+
+    return [list(map(row, point.variants)) for point in view.points]
 
 
 def _entries(view: StudyView) -> list[VariantMetrics]:
@@ -97,12 +81,12 @@ def p_value_of(at: VariantMetrics) -> str:
 
 
 def _mrr(at: VariantMetrics) -> str:
-    if at.mrr is None or at.mrr_range is None:
+    if not at.mrr:
         return ""
-    low, high = (f"{end:.3f}" for end in at.mrr_range)
+    low, high = (f"{end:.3f}" for end in (min(at.mrr), max(at.mrr)))
     # Variants often share one scorer: then there is no range to show.
     shown_range = "" if low == high else f" ({low}–{high})"
-    return f"{at.mrr:.3f}{shown_range}"
+    return f"{fmean(at.mrr):.3f}{shown_range}"
 
 
 def _reached(at: VariantMetrics) -> str:
@@ -147,7 +131,7 @@ def notes(view: StudyView) -> list[str]:
         "over seeds and tasks, that is, for other such tasks too, and over seeds alone (Student's "
         "t), for these tasks"
     )
-    if view.vary_split:
+    if view.study.vary_split:
         about_intervals = "over splits, of which each training has its own"
     sentences = [
         "Success: share of episodes on test tasks in which the greedy agent makes the goal, with "
@@ -157,38 +141,16 @@ def notes(view: StudyView) -> list[str]:
     if any(len(entry.seeds) == 1 for entry in entries):
         sentences.append("The interval of a single seed is over its tasks alone.")
     if any(entry.comparison for entry in entries):
-        corrected = ""
-        if view.comparisons:
-            corrected = f"; corrected by Holm for {counted(view.comparisons, 'comparison')}"
+        comparisons = counted(view.comparisons, "comparison")
         sentences += [
             f"Differences are to {view.reference}, paired by seed and task, with intervals over "
             f"{view.resampled}.",
             "Reached after: environment steps until the mean learning curve reaches where that of "
             f"{view.reference} ends, with the interval over {view.trainings}.",
             "p: of no difference, the level at which the interval of the difference reaches 0, "
-            f"none below three seeds{corrected}.",
+            f"none below three seeds; corrected by Holm for {comparisons}.",
         ]
     return sentences
-
-
-def write_study_report(view: StudyView, folder: Path, *, force: bool = False) -> list[Path]:
-    """Write a study's report.
-
-    Args:
-        view: the summarised results.
-        folder: folder to write, which appears when it is complete.
-        force: replace an existing report.
-
-    Returns:
-        The paths of page, ``report.json`` and pictures.
-
-    Raises:
-        OutputExistsError: if ``folder`` exists and ``force`` is False.
-        ValueError: if a number is not finite or out of bounds; nothing is written.
-    """
-    report = make_study_report(view)
-    write_report(report, folder, force=force)
-    return [folder / name for name in ("index.html", "report.json", *report.files)]
 
 
 def make_study_report(view: StudyView) -> Report[StudyView]:
@@ -198,7 +160,8 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
         The page with its charts, and the files ``figure.svg`` and ``figure.pdf``.
     """
     # A claim has one verdict for each grid point, all in a row: the page prints its text once.
-    claims = [list(verdicts) for _, verdicts in groupby(view.claims, key=attrgetter("text"))]
+    by_claim = groupby(view.claims, key=attrgetter("claim"))
+    claims = [(claim, list(verdicts)) for claim, verdicts in by_claim]
     panels = panels_of(view)
     return Report(
         view,
@@ -209,13 +172,13 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
             "tables": tables_of(view),
             "notes": notes(view),
             "counted": counted,
-            "title": title_of,
+            "words_of": title_of,
             "words": in_words,
             "claims": claims,
         },
         files={
-            "figure.svg": charts.as_file(list(panels.items()), view.title),
-            "figure.pdf": charts.as_pdf(list(panels.items()), view.title),
+            "figure.svg": charts.as_file(list(panels.items()), view.study.title),
+            "figure.pdf": charts.as_pdf(list(panels.items()), view.study.title),
         },
     )
 
@@ -225,7 +188,7 @@ def panels_of(view: StudyView) -> dict[str, Chart]:
     panels = {}
     for point in view.points:
         has_curves = any(len(entry.curve) > 1 for entry in point.variants)
-        draw = _curves if view.drawing == "curves" and has_curves else _bars
+        draw = _curves if view.study.drawing == "curves" and has_curves else _bars
         panels[point.title] = draw(view, point)
     return panels
 
@@ -233,13 +196,10 @@ def panels_of(view: StudyView) -> dict[str, Chart]:
 def _curves(view: StudyView, point: PointMetrics) -> Chart:
     """Draw the success of each variant over training."""
     # A variant keeps its colour at all points.
-    colours: dict[str, int] = {}
-    for at in view.points:
-        for entry in at.variants:
-            colours.setdefault(entry.variant, len(colours))
+    colours = {name: number for number, name in enumerate(view.study.variants)}
     last_step = max(at.step for entry in point.variants for at in entry.curve)
     drawn = []
-    for entry in sorted(point.variants, key=lambda entry: colours[entry.variant]):
+    for entry in point.variants:
         points: list[charts.CurvePoint]
         points = [(at.step, at.success, at.low, at.high) for at in entry.curve]
         is_level = not entry.curve

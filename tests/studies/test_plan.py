@@ -240,7 +240,7 @@ def test_defaults_are_those_that_addresses_stand_for():
         ('[variants.odd]\nkg_only = true', "`kg_only` configures the use of a scorer"),
         ('[variants.odd]\nsplit = "none"', "has no test tasks to compare agents on"),
         ('[variants.odd]\nuse = 3', "`use` 3: expected text"),
-        ('[variants.odd]\nunroll = "long"', "`unroll` 'long': expected a number"),
+        ('[variants.odd]\nunroll = "long"', "`unroll` 'long': expected a whole number"),
         ('[variants.odd]\ntrain_ratio = "most"', "`train_ratio` 'most': expected a number"),
         ('[variants.odd]\nin_sample = 1', "`in_sample` 1: expected true or false"),
         ('[variants.odd]\nplayer = "planner"', "give it a scorer"),

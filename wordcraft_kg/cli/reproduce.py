@@ -31,7 +31,7 @@ from wordcraft_kg.cli.console import (
 )
 from wordcraft_kg.cli.options import Force, Table, Words
 from wordcraft_kg.runs.run_folder import sigterm_as_interrupt
-from wordcraft_kg.studies.claims import ClaimVerdict, in_words
+from wordcraft_kg.studies.claims import ClaimVerdict
 from wordcraft_kg.studies.engine import Pool, StudyProgress, missing_tasks, run_plan
 from wordcraft_kg.studies.perform import perform
 from wordcraft_kg.studies.plan import Plan, make_plan
@@ -406,11 +406,13 @@ def _lines_of(view: "StudyView", table: Path | None, *, force: bool = False) -> 
     yield from write_table(table, rows, force=force)
 
 
-_OF_TRAININGS = ("success [seeds]", "train", "MRR", "reached after")
+_OF_TRAININGS = ("train", "MRR")
 """Columns of the report, on trainings and their spread, that the text leaves out."""
 
 
 def _rows_of_claims(claims: Sequence[ClaimVerdict]) -> Iterator[tuple[str, str]]:
+    from wordcraft_kg.studies.report import in_words
+
     for checked in claims:
         yield f"  {checked.verdict}", checked.claim.text
         for measured in checked.measured:

@@ -25,6 +25,7 @@ table. Verdicts are not corrected for multiple claims. With fewer than
 three seeds, a verdict other than *undecided* is marked as provisional.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from itertools import chain, combinations
 from typing import Literal, NamedTuple
@@ -39,7 +40,6 @@ from wordcraft_kg.studies.results import (
     RunResult,
     StudyResults,
     TaskIdentity,
-    steps_to,
 )
 from wordcraft_kg.studies.study import Claim, Measure, Values, points_at, title_of
 
@@ -48,15 +48,8 @@ _SAME = 0.02
 """Smallest relevant success difference: half the width of a usual interval over tasks."""
 _EARLY = 0.1
 """Share of the steps after which early success is measured."""
-_REACHED = 0.95
+REACHED = 0.95
 """Share of a curve's last point that counts as reached; the last percents are noise."""
-
-_MEASURES = {
-    "success": "",
-    "early": "after a tenth of the steps: ",
-    "steps": f"steps to {_REACHED:.0%} of the other's end, as a share of all: ",
-    "same_twice": "ends with one entity twice: ",
-}
 
 
 class Measured(Record, frozen=True):
@@ -254,11 +247,35 @@ def _metric(measure: Measure, run: RunResult, partner: RunResult) -> float:
         _, success = min(run.curve, key=lambda point: abs(point[0] - early))
         return success
     _, end = partner.curve[-1]
-    level = _REACHED * end
+    level = REACHED * end
     # A curve that never gets there counts as all steps: leaving it out would favour the slower
     # side.
     steps = min(steps_to(run.curve, level), run.steps)
     return steps / run.steps
+
+
+def steps_to(curve: Iterable[tuple[int, float]], level: float) -> float:
+    """Return the steps until a curve first reaches a level; infinity if it never does.
+
+    Between two points, the curve is a line.
+
+    Args:
+        curve: points (environment steps, success) in ascending order of steps.
+        level: the success to reach.
+    """
+    before = 0
+    lower = level
+    for step, value in curve:
+        if value >= level:
+            # The first point has no line before it.
+            if lower >= level:
+                return step
+            # Back from the point, by the share of its line that lies above the level.
+            length = step - before
+            return step - length * (value - level) / (value - lower)
+        before = step
+        lower = value
+    return math.inf
 
 
 def _interval(
@@ -383,41 +400,3 @@ def _changes(results: StudyResults, claim: Claim, first: Measured, second: Measu
     change = first_differences._replace(scores=first_differences.scores - second_scores)
     low, high, _ = _interval(difference_claim, first_differences, change)
     return low > 0 or high < 0
-
-
-def in_words(claim: Claim, measured: Measured) -> str:
-    """Format a claim's measured values at a grid point as a sentence.
-
-    Returns:
-        Both sides, the difference with its interval, and the numbers of seeds, tasks and groups.
-    """
-    right = claim.right or f"{claim.than:g}"
-    if claim.right_at:
-        right += f" with {title_of(claim.right_at)}"
-    # A value that the claim names has no measurement of its own beside it.
-    if claim.right:
-        right += f" {share(measured.right)}"
-    difference = signed(measured.difference)
-    # A single seed has no interval.
-    if measured.low is not None:
-        difference += f" [{signed(measured.low)}, {signed(measured.high)}]"
-    size = counted(measured.seeds, "split" if measured.splits > 1 else "seed")
-    # 0 tasks: the measure has one value for each training.
-    if measured.tasks:
-        size += f", {counted(measured.tasks, 'task')}"
-    # The number of groups says something only where a group holds several tasks.
-    if measured.groups < measured.tasks:
-        size += f" in {counted(measured.groups, 'group')}"
-    sides = f"{claim.left} {share(measured.left)} against {right}"
-    return f"{_MEASURES[claim.measure]}{sides}: {difference} ({size})"
-
-
-def share(value: float) -> str:
-    """Format a share with three digits and without the leading zero."""
-    return f"{value:.3f}".removeprefix("0")
-
-
-def signed(value: float | None) -> str:
-    """Format a difference between shares with sign and three digits; None as 0."""
-    text = f"{value or 0:+.3f}"
-    return text.replace("0.", ".", 1)

@@ -21,7 +21,7 @@ from wordcraft_kg.base.errors import (
 )
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.base.registry import Plugin, load_again, loaded_plugins
-from wordcraft_kg.base.settings import CORES_VARIABLE, cores
+from wordcraft_kg.base.settings import CORES_VARIABLE, MAX_THREADS, cores, whole
 from wordcraft_kg.runs.run_folder import first_interrupt, sigterm_as_interrupt
 from wordcraft_kg.studies.perform import is_done, make_graph, perform
 from wordcraft_kg.studies.plan import Kind, Outcome, Plan, Task, make_plan
@@ -163,7 +163,8 @@ def run_plan(
         KeyboardInterrupt: after Ctrl-C; running trainings keep a checkpoint.
     """
     root = root.resolve()
-    jobs = plan.jobs(pool.jobs)  # refused before the folder is touched
+    if pool.jobs is not None:
+        whole("jobs", pool.jobs, 1, MAX_THREADS)  # refused before the folder is touched
     with own_results(root):
         write_plan(root, plan, command)
         state = StudyProgress(len(plan.tasks))
@@ -177,10 +178,11 @@ def run_plan(
                 shutil.rmtree(task.folder(root))
         cluster = ray_cluster(pool.address) if pool.engine == "ray" else nullcontext()
         with cluster as cluster_cores:
-            if cluster_cores is not None:
-                # Ray refuses more workers than fit its cores.
-                places = max(cluster_cores // plan.threads, 1)
-                jobs = places if pool.jobs is None else min(jobs, places)
+            places = max((cluster_cores or cores()) // plan.threads, 1)
+            jobs = pool.jobs or places
+            # Ray refuses more workers than fit its cores.
+            if pool.engine == "ray":
+                jobs = min(jobs, places)
             for kind in _WAVES:
                 wave = [task for task in missing if task.kind == kind]
                 ready = _ready(wave, plan, state)

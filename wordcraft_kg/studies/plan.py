@@ -18,11 +18,9 @@ from wordcraft_kg.agents.agent_config import (
     TaskConfig,
 )
 from wordcraft_kg.base import (
-    MAX_THREADS,
     ConfigError,
     FeatureSpec,
     SplitError,
-    cores,
     nearest,
     refuse,
     sha256_of,
@@ -60,6 +58,13 @@ Kind = Literal["graphs", "scorers", "runs"]
 TerminationReason = Literal["done", "failed", "interrupted"]
 
 
+def hash_of(values: Any) -> str:
+    """Return the SHA-256 of JSON values."""
+    # Sorted, so that the order of keys in an edited but equal file does not matter.
+    text = json.dumps(values, sort_keys=True, ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
 @dataclass(frozen=True, eq=False)
 class Task:
     """A task in a study: a graph folder, a model folder or an agent's run folder to make.
@@ -86,8 +91,7 @@ class Task:
     @cached_property
     def address(self) -> str:
         """Folder relative to the results folder: kind and settings hash."""
-        text = json.dumps(self.settings, sort_keys=True, ensure_ascii=False, allow_nan=False)
-        return f"{self.kind}/{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+        return f"{self.kind}/{hash_of(self.settings)[:16]}"
 
     def folder(self, root: Path) -> Path:
         """Return the folder for the output of this training in the results folder ``root``."""
@@ -164,12 +168,11 @@ def scorer_config(command: str, settings: Mapping[str, Any]) -> Any:
     return kind(**{**_IN_STUDIES.get(kind, {}), **settings})
 
 
-DEFAULTS_OF_AGENT: dict[str, Any] = {}
-for _kind in PARTS_OF_AGENT.values():
-    DEFAULTS_OF_AGENT |= defaults_of(_kind)
-DEFAULTS_OF_GRAPH = {
-    name: {"book": BOOK, **defaults_of(SplitConfig)}[field] for name, field in OF_GRAPH.items()
+_KINDS: Mapping[str, tuple[Any, str]] = {
+    **dict.fromkeys(("book", "use", "device", "model"), (str, "text, in quotes")),
+    **dict.fromkeys(("train_ratio", "valid_ratio"), (int | float, "a number, without quotes")),
 }
+"""Kinds of values, also in words, of settings whose configuration class checks ranges alone."""
 
 
 @dataclass(frozen=True)
@@ -194,19 +197,6 @@ class Plan:
     def threads(self) -> int:
         """Most CPU threads per task."""
         return max(task.threads for task in self.tasks.values())
-
-    def jobs(self, wanted: int | None) -> int:
-        """Return the number of parallel tasks.
-
-        Args:
-            wanted: the number; None for as many as the cores allow.
-
-        Raises:
-            ConfigError: if ``wanted`` is out of range.
-        """
-        if wanted is None:
-            return max(cores() // self.threads, 1)
-        return whole("jobs", wanted, 1, MAX_THREADS)
 
 
 def make_plan(study: Study, name: str) -> Plan:
@@ -268,7 +258,7 @@ class _Planner:
 
     def run(self, cell: StudyCell) -> str:
         try:
-            _check_kinds(cell.settings, {**DEFAULTS_OF_GRAPH, **DEFAULTS_OF_AGENT})
+            _check_kinds(cell.settings)
             given = {name: cell.settings[name] for name in OF_GRAPH if name in cell.settings}
             graph = self._graph(**given)
             return self._agent(cell, graph, self._scorer(cell, graph))
@@ -321,7 +311,7 @@ class _Planner:
                 f"'{SCORER}.{wrong}'.{nearest(wrong, SCORER_SETTINGS[command])}"
             )
         kind = TRAINED_SCORERS[command]
-        _check_kinds(settings, defaults_of(kind))
+        _check_kinds(settings)
         # Each agent gets a scorer of its own seed, so intervals cover both trainings.
         settings.setdefault("seed", cell.seed)
         if command == RecipeScorerConfig.command:
@@ -475,18 +465,11 @@ def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) ->
     return replace(AgentConfig(graph, scorer), **parts)
 
 
-def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
-    """Refuse text in place of a number, and the reverse.
-
-    The configuration classes check ranges.
-    """
-    for name, value in settings.items():
-        default = defaults.get(name)
-        is_text = isinstance(value, str)
-        if isinstance(default, str) and not is_text:
-            raise refuse(name, value, "text, in quotes")
-        if isinstance(default, int | float) and is_text:
-            raise refuse(name, value, "a number, or true or false, without quotes")
+def _check_kinds(settings: Mapping[str, Any]) -> None:
+    for name in sorted(settings.keys() & _KINDS.keys()):
+        kind, expected = _KINDS[name]
+        if not isinstance(settings[name], kind):
+            raise refuse(name, settings[name], expected)
 
 
 def _not_default(settings: Mapping[str, Any], kind: type) -> dict[str, Any]:

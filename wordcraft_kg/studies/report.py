@@ -9,8 +9,8 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.charts import Chart
 from wordcraft_kg.reports.pages import Report
-from wordcraft_kg.studies.claims import in_words
-from wordcraft_kg.studies.study import title_of
+from wordcraft_kg.studies.claims import REACHED, Measured
+from wordcraft_kg.studies.study import Claim, title_of
 from wordcraft_kg.studies.view import (
     Interval,
     PointMetrics,
@@ -28,12 +28,7 @@ def tables_of(view: StudyView) -> list[list[dict[str, str]]]:
     A column without text at all points is left out of all tables, so that tables stay comparable.
     """
     entries = _entries(view)
-    over = "[splits]" if view.study.vary_split else _RESAMPLED
-    columns = [
-        (heading.replace(_RESAMPLED, over), text)
-        for heading, text in _COLUMNS
-        if any(map(text, entries))
-    ]
+    columns = [(heading, text) for heading, text in _COLUMNS if any(map(text, entries))]
 
     def row(entry: VariantMetrics) -> dict[str, str]:
         return {heading: text(entry) for heading, text in columns}
@@ -45,24 +40,16 @@ def _entries(view: StudyView) -> list[VariantMetrics]:
     return list(chain.from_iterable(point.variants for point in view.points))
 
 
-def with_bounds(value: float, interval: Interval | None, form: str = "z.3f") -> str:
+def with_bounds(value: float, interval: Interval, form: str = "z.3f") -> str:
     """Format a value with its interval bounds, such as ``0.500 [0.400, 0.610]``.
 
     Args:
         value: the value.
-        interval: lower and upper end; None leaves the bounds out.
+        interval: lower and upper end.
         form: format specification of all three numbers.
     """
-    shown = signed(value, form)
-    return f"{shown} {bounds(interval, form)}" if interval else shown
-
-
-def bounds(interval: Interval | None, form: str = "z.3f") -> str:
-    """Format interval bounds by a format specification such as "z.3f"; empty for None."""
-    if interval is None:
-        return ""
     low, high = interval
-    return f"[{signed(low, form)}, {signed(high, form)}]"
+    return f"{signed(value, form)} [{signed(low, form)}, {signed(high, form)}]"
 
 
 def signed(value: float, form: str) -> str:
@@ -89,16 +76,6 @@ def _mrr(at: VariantMetrics) -> str:
     return f"{fmean(at.mrr):.3f}{shown_range}"
 
 
-def _reached(at: VariantMetrics) -> str:
-    if not at.curve:
-        return ""
-    if at.reached_interval is None:
-        return _amount(at.reached)
-    low, high = at.reached_interval
-    ends = "" if low == high else f" [{_amount(low)}, {_amount(high)}]"
-    return _amount(at.reached) + ends
-
-
 def difference_of(at: VariantMetrics) -> str:
     """Format the difference to the reference with its interval; empty without one."""
     if at.comparison is None:
@@ -106,36 +83,57 @@ def difference_of(at: VariantMetrics) -> str:
     return with_bounds(at.comparison.difference, at.comparison.interval, "+z.3f")
 
 
-def _amount(steps: int | None) -> str:
-    return "never" if steps is None else f"{steps:,}"
+_MEASURES = {
+    "success": "",
+    "early": "after a tenth of the steps: ",
+    "steps": f"steps to {REACHED:.0%} of the other's end, as a share of all: ",
+    "same_twice": "ends with one entity twice: ",
+}
 
 
-_RESAMPLED = "[seeds, tasks]"
-"""What the intervals of a column are over, in its heading; over splits, another."""
+def in_words(claim: Claim, measured: Measured) -> str:
+    """Format a claim's measured values at a grid point as a sentence.
+
+    Returns:
+        Both sides, the difference with its interval, and the numbers of seeds, tasks and groups.
+    """
+    right = claim.right or f"{claim.than:g}"
+    if claim.right_at:
+        right += f" with {title_of(claim.right_at)}"
+    # A value that the claim names has no measurement of its own beside it.
+    if claim.right:
+        right += f" {measured.right:.3f}"
+    difference = signed(measured.difference, "+z.3f")
+    # A single seed has no interval.
+    if measured.low is not None and measured.high is not None:
+        difference = with_bounds(measured.difference, (measured.low, measured.high), "+z.3f")
+    size = counted(measured.seeds, "split" if measured.splits > 1 else "seed")
+    # 0 tasks: the measure has one value for each training.
+    if measured.tasks:
+        size += f", {counted(measured.tasks, 'task')}"
+    # The number of groups says something only where a group holds several tasks.
+    if measured.groups < measured.tasks:
+        size += f" in {counted(measured.groups, 'group')}"
+    sides = f"{claim.left} {measured.left:.3f} against {right}"
+    return f"{_MEASURES[claim.measure]}{sides}: {difference} ({size})"
+
+
 _COLUMNS: tuple[_Column, ...] = (
     ("variant", lambda at: at.variant),
     ("seeds", lambda at: str(len(at.seeds))),
-    (f"success {_RESAMPLED}", lambda at: with_bounds(at.mean, at.interval)),
-    ("success [seeds]", lambda at: bounds(at.seed_interval)),
-    (f"difference {_RESAMPLED}", difference_of),
+    ("success", lambda at: with_bounds(at.mean, at.interval)),
+    ("difference", difference_of),
     ("train", lambda at: "" if at.train is None else f"{at.train:.3f}"),
     ("MRR", _mrr),
     ("p", p_value_of),
-    ("reached after", _reached),
 )
 
 
 def notes(view: StudyView) -> list[str]:
     """Return sentences that explain the columns of :func:`tables_of`."""
-    about_intervals = (
-        "over seeds and tasks, that is, for other such tasks too, and over seeds alone (Student's "
-        "t), for these tasks"
-    )
-    if view.study.vary_split:
-        about_intervals = "over splits, of which each training has its own"
     sentences = [
         "Success: share of episodes on test tasks in which the greedy agent makes the goal, with "
-        f"95 % intervals: {about_intervals}."
+        f"95 % intervals over {view.resampled}."
     ]
     entries = _entries(view)
     if any(len(entry.seeds) == 1 for entry in entries):
@@ -145,8 +143,6 @@ def notes(view: StudyView) -> list[str]:
         sentences += [
             f"Differences are to {view.reference}, paired by seed and task, with intervals over "
             f"{view.resampled}.",
-            "Reached after: environment steps until the mean learning curve reaches where that of "
-            f"{view.reference} ends, with the interval over {view.trainings}.",
             "p: of no difference, the level at which the interval of the difference reaches 0, "
             f"none below three seeds; corrected by Holm for {comparisons}.",
         ]

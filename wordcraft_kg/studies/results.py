@@ -9,11 +9,9 @@ studies. A task's ``figures.json`` is written last and marks the task as done.
 | ``studies/<name>.json`` | a study, its cells, and each cell's run address |
 """
 
-import hashlib
 import json
-import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -45,35 +43,11 @@ from wordcraft_kg.envs.draws import MOST_TASKS, distance_of
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import PlayedGraph, open_graph
-from wordcraft_kg.studies.plan import Plan
+from wordcraft_kg.studies.plan import Plan, hash_of
 from wordcraft_kg.studies.study import Study, StudyCell, Values
 
 Curve = tuple[tuple[int, float], ...]
 """Points (environment steps, success)."""
-
-
-def steps_to(curve: Iterable[tuple[int, float]], level: float) -> float:
-    """Return the steps until a curve first reaches a level; infinity if it never does.
-
-    Between two points, the curve is a line.
-
-    Args:
-        curve: points (environment steps, success) in ascending order of steps.
-        level: the success to reach.
-    """
-    before = 0
-    lower = level
-    for step, value in curve:
-        if value >= level:
-            # The first point has no line before it.
-            if lower >= level:
-                return step
-            # Back from the point, by the share of its line that lies above the level.
-            length = step - before
-            return step - length * (value - level) / (value - lower)
-        before = step
-        lower = value
-    return math.inf
 
 
 Won = Annotated[str, msgspec.Meta(pattern=r"^[0-9]+\Z")]
@@ -365,13 +339,6 @@ def read_metrics(folder: Path, kind: type[F]) -> F:
             "repair the file."
         )
     return as_record(values["figures"], kind, path)
-
-
-def hash_of(values: Any) -> str:
-    """Return the SHA-256 of JSON values."""
-    # Sorted, so that the order of keys in an edited but equal file does not matter.
-    text = json.dumps(values, sort_keys=True, ensure_ascii=False)
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 _OF_TASKS = ("depth", "task_weighting")

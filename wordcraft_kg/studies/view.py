@@ -3,16 +3,13 @@
 It has means, intervals, differences to the reference, and success by scorer MRR.
 """
 
-import math
 from collections.abc import Sequence
 from itertools import chain
 from statistics import fmean
 from typing import Annotated, Literal
 
 import msgspec
-import numpy as np
 from msgspec.structs import replace
-from numpy.typing import NDArray
 
 from wordcraft_kg.base import ConfigError, Count, Record, Share
 from wordcraft_kg.base.statistics import (
@@ -20,18 +17,15 @@ from wordcraft_kg.base.statistics import (
     crossed_difference,
     holm,
     rate_interval,
-    student_interval,
 )
-from wordcraft_kg.evaluation.agent_metrics import CurvePoint, mean_curve, shared_steps
+from wordcraft_kg.evaluation.agent_metrics import CurvePoint, mean_curve
 from wordcraft_kg.graphs.graph_folder import PlayedGraph
 from wordcraft_kg.studies.claims import ClaimVerdict, view_claims
-from wordcraft_kg.studies.results import Missing, Origin, RunResult, StudyResults, steps_to
+from wordcraft_kg.studies.results import Missing, Origin, RunResult, StudyResults
 from wordcraft_kg.studies.study import Study, Value, Values, title_of
 
 Interval = tuple[float, float]
 """Lower and upper end."""
-_ROUNDING = 1e-12
-"""A mean of equal curves may lie this far below the level that it reaches."""
 
 
 class VariantComparison(Record):
@@ -60,8 +54,6 @@ class VariantMetrics(Record):
         seeds: seeds of its runs.
         success: success rate of each run on test tasks.
         mean: mean of ``success``.
-        seed_interval: interval for ``mean`` over seeds, by Student's t, for the same tasks; None
-            for a single seed, and for runs on different splits.
         interval: interval for ``mean`` over seeds and groups of tasks, such as goals; over tasks
             for a single seed; over splits if each run has its own.
         train: mean success on train tasks; None if not measured for every run.
@@ -69,10 +61,6 @@ class VariantMetrics(Record):
             if the scorers have seen these triples.
         comparison: difference to the reference; None for the reference, and without common seeds or
             tasks.
-        reached: steps until the mean learning curve reaches the reference's final success; None for
-            never, or without a reference to reach.
-        reached_interval: interval for ``reached``, with None for never; None below two common
-            seeds.
         curve: mean success at the steps that the curves of all runs have, with intervals over
             seeds.
         steps: environment steps of a run.
@@ -82,13 +70,10 @@ class VariantMetrics(Record):
     seeds: tuple[int, ...]
     success: Annotated[tuple[Share, ...], msgspec.Meta(min_length=1)]
     mean: Share
-    seed_interval: Interval | None
     interval: Interval
     train: Share | None
     mrr: tuple[Share, ...]
     comparison: VariantComparison | None
-    reached: Count | None
-    reached_interval: tuple[Count | None, Count | None] | None
     curve: tuple[CurvePoint, ...]
     steps: Count
 
@@ -133,21 +118,17 @@ def metrics_of(
     rates = results.rates_of(members)
     # Players without training play no train tasks.
     train = [run.success["train"] for run in members if "train" in run.success]
-    reached, reached_interval = _reached(members, base)
     # Means that do not depend on the order of the values.
     return VariantMetrics(
         variant=variant,
         seeds=tuple(run.seed for run in members),
         success=tuple(success),
         mean=fmean(success),
-        seed_interval=student_interval(success) if rates.splits is None else None,
         interval=rate_interval(*rates),
         # A mean of some runs would stand beside the success of all.
         train=fmean(train) if len(train) == len(members) else None,
         mrr=tuple(run.mrr for run in members if run.mrr is not None),
         comparison=_comparison(results, members, base),
-        reached=reached,
-        reached_interval=reached_interval,
         curve=tuple(mean_curve(dict(run.curve) for run in members)),
         steps=members[0].steps,
     )
@@ -172,47 +153,6 @@ def _comparison(
     p_value = exact if len(pairs) >= FEWEST_PAIRS else None
     # Holm's correction needs all comparisons of the study; the summary of the study fills it in.
     return VariantComparison(difference, (low, high), p_value, p_corrected=p_value)
-
-
-def _reached(
-    members: list[RunResult],
-    base: list[RunResult],
-) -> tuple[int | None, tuple[int | None, int | None] | None]:
-    """Return the steps to the reference's final success, and their interval.
-
-    See :class:`VariantMetrics`.
-    """
-    if not base:
-        return None, None
-    curves = shared_steps(dict(run.curve) for run in members)
-    goal = shared_steps(dict(run.curve) for run in base)
-    if curves.empty or goal.empty:
-        return None, None
-    steps = curves.index.tolist()
-    table = curves.to_numpy().T
-
-    # Curves are measured against the goal, so that each is asked when it reaches 0.
-    def first(curve: NDArray[np.float64]) -> int | None:
-        reached = steps_to(zip(steps, curve, strict=True), -_ROUNDING)
-        return round(reached) if math.isfinite(reached) else None
-
-    finals = goal.to_numpy()[-1]
-    reached = first(table.mean(axis=0) - finals.mean())
-    # For the interval each run is measured against the reference's end with its own seed.
-    final_of = {run.seed: final for run, final in zip(base, finals, strict=True)}
-    ahead = [
-        row - final_of[run.seed]
-        for run, row in zip(members, table, strict=True)
-        if run.seed in final_of
-    ]
-    if len(ahead) < 2:
-        return reached, None
-    # Shape (steps, runs): an interval over the runs at each step.
-    by_step = np.array(ahead).T
-    bounds = np.array([student_interval(column, within=(-1, 1)) for column in by_step])
-    low, high = bounds.T
-    # The upper bound of success arrives first, so it gives the least number of steps.
-    return reached, (first(high), first(low))
 
 
 class StudyView(Record):
@@ -248,11 +188,6 @@ class StudyView(Record):
     def resampled(self) -> str:
         """What the intervals of success are about, in words."""
         return "splits" if self.study.vary_split else "seeds and tasks"
-
-    @property
-    def trainings(self) -> str:
-        """What the intervals of figures per training are about, in words."""
-        return "splits" if self.study.vary_split else "seeds"
 
 
 Runs = dict[str, list[RunResult]]

@@ -41,7 +41,6 @@ from wordcraft_kg.base import (
 from wordcraft_kg.base.artefacts import locked
 from wordcraft_kg.envs.draws import MOST_TASKS, distance_of
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import PlayedGraph, open_graph
 from wordcraft_kg.studies.plan import Plan, hash_of
 from wordcraft_kg.studies.study import Study, StudyCell, Values
@@ -451,12 +450,14 @@ def collect_study(root: Path, name: str) -> StudyResults:
 
     # Opening a graph and finding its tasks takes seconds, and most runs share them.
     @cache
-    def groups_at(graph: str, config: WordCraftConfig) -> tuple[int, ...]:
+    def groups_at(graph: str, **task_settings: Any) -> tuple[int, ...]:
         """Return the resampling group of each played task, numbered by first appearance."""
         try:
             opened = open_graph(str(root / graph))
         except WordCraftKGError as error:
             raise ArtefactError(f"{error} {REMAKE}") from error
+        # A small book may lack room for the default number of distractors.
+        config = TaskConfig(**task_settings).environment("test", distractors=0)
         every = World(opened, config).groups
         # Of very many tasks, an even sample is played.
         played = every[:: distance_of(len(every), MOST_TASKS)].tolist()
@@ -477,7 +478,8 @@ def collect_study(root: Path, name: str) -> StudyResults:
     ):
         try:
             figures = _run_metrics(root / address)
-            group_of_task = groups_at(graph, _played_config(cell.settings))
+            of_tasks = {name: cell.settings[name] for name in _OF_TASKS if name in cell.settings}
+            group_of_task = groups_at(graph, **of_tasks)
             if len(figures.won) != len(group_of_task):
                 raise ArtefactError(
                     f"{root / address} has results of {len(figures.won):,} tasks; expected "
@@ -523,14 +525,6 @@ def collect_study(root: Path, name: str) -> StudyResults:
         ),
         groups=tuple(groups),
     )
-
-
-def _played_config(settings: Values) -> WordCraftConfig:
-    """Return the test environment of a cell, with the settings alone that decide the tasks."""
-    task_settings = {name: settings[name] for name in _OF_TASKS if name in settings}
-    config = TaskConfig(**task_settings)  # type: ignore[arg-type]
-    # A small book may lack room for the default number of distractors.
-    return config.environment("test", distractors=0)
 
 
 def _run_metrics(folder: Path) -> RunMetrics:

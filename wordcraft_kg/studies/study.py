@@ -170,7 +170,7 @@ class Study(Record, omit_defaults=True):
     scorers: dict[str, Values] = msgspec.field(default_factory=dict)
     claims: list[Claim] = msgspec.field(default_factory=list)
     search: dict[str, list[Value] | Range] = msgspec.field(default_factory=dict)
-    trials: int = 20
+    trials: Annotated[int, msgspec.Meta(ge=1, le=1_000)] = 20
 
 
 class StudyCell(Record, frozen=True):
@@ -296,7 +296,6 @@ def check_study(study: Study) -> None:
         ConfigError: for the first wrong or contradictory name or setting.
     """
     whole("seeds", study.seeds, 1, 1_000)
-    whole("trials", study.trials, 1, 1_000)
     if not study.variants:
         raise ConfigError('no variants; expected at least one table [variants."a name"].')
     if study.reference:

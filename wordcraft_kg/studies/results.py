@@ -47,8 +47,6 @@ from wordcraft_kg.studies.study import Study, StudyCell, Values
 
 Curve = tuple[tuple[int, float], ...]
 """Points (environment steps, success)."""
-
-
 Won = Annotated[str, msgspec.Meta(pattern=r"^[0-9]+\Z")]
 """Number of successes on each test task, a digit each."""
 _ROUNDING = 1e-6

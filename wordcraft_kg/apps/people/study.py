@@ -208,6 +208,11 @@ def check_study_folder(folder: Path, record: StudyRecord) -> bool:
             "Choose another `out`."
         )
     begun, _ = read_study_record(folder)
+    # The texts have errors of their own, since their values are too long to be shown.
+    if begun.consent != record.consent:
+        raise ConfigError(
+            f"'{folder}': people agreed to another text. Nothing was changed; give that text."
+        )
     if begun.texts_hash != record.texts_hash:
         raise ConfigError(
             f"'{folder}': the pages of this version have other texts than the pages that people "
@@ -237,9 +242,8 @@ def check_equal(
     for name in {**want, **have}:
         if name == "graph" or have.get(name) == want.get(name):
             continue
-        # A consent text may have pages.
-        value = str(have.get(name))[:60]
-        expected = str(want.get(name))[:60]
+        value = str(have.get(name))
+        expected = str(want.get(name))
         if name.endswith("_hash"):
             raise GraphMismatchError(
                 f"{subject} {name} {value[:12]}, but {other} {expected[:12]}. Nothing was changed."
@@ -248,7 +252,7 @@ def check_equal(
 
 
 def _identity(record: StudyRecord) -> dict[str, Any]:
-    """Return all settings by name; the time is no setting."""
+    """Return all settings by name; the time is no setting, and the consent is compared before."""
     values = as_values(record) | record.settings
     for name in ("created", "settings"):
         del values[name]

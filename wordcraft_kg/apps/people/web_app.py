@@ -237,19 +237,16 @@ class _Server:
         )
 
     def answer(self, _: Request, form: Form, code: str, person: Participant) -> Response:
-        time = (
-            self.clock()
-        )  # before anything else: waiting for the database is not the person's time
+        # Before anything else: waiting for the database is not the person's time.
+        time = self.clock()
         tasks = self.study.tasks(person.cell)
         place = len(self.answers.answers_of(person))
         number = _number(form.get("task", ""))
         present_task = _to(f"/s/{code}/task")
-        if number is None:
-            return present_task
         # A repeated form, as after a lost answer of the server: the first answer stays.
-        if number < place:
-            return self._after(code, tasks, number)
-        if number > place or place == len(tasks):
+        if number is not None and number < place:
+            return _after(code, tasks[number])
+        if number != place or place == len(tasks):
             return present_task
         # Only a task that was shown has a time, and only the present one can be answered.
         task = tasks[place]
@@ -265,16 +262,7 @@ class _Server:
             return present_task
         # After a restart, the clock may begin before the time of showing.
         self.answers.add(person, protocol.answer(task, slots, max(time - shown, 0.0)))
-        return self._after(code, tasks, number)
-
-    def _after(self, code: str, tasks: tuple[PosedTask, ...], place: int) -> Response:
-        """Lead to the page after an answer: the solution for a train task, else the next task."""
-        task = tasks[place]
-        if task.part == "train":
-            return _to(f"/s/{code}/feedback/{task.number}")
-        if place + 1 < len(tasks):
-            return _to(f"/s/{code}/task")
-        return _to(f"/s/{code}/end")
+        return _after(code, task)
 
     def feedback(self, request: Request, _: Form, code: str, person: Participant) -> Response:
         tasks = self.study.tasks(person.cell)
@@ -333,6 +321,14 @@ async def _form(request: Request) -> dict[str, str]:
         return dict(parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=20))
     except (ValueError, ClientDisconnect):
         return {}
+
+
+def _after(code: str, task: PosedTask) -> Response:
+    """Lead to the page after an answer: the solution for a train task, else the next task."""
+    if task.part == "train":
+        return _to(f"/s/{code}/feedback/{task.number}")
+    # After the last task, this page leads to the end.
+    return _to(f"/s/{code}/task")
 
 
 def _slots(text: str, task: PosedTask, most: int) -> tuple[int, ...]:

@@ -3,7 +3,6 @@ stands alone."""
 
 import base64
 import hashlib
-import io
 import itertools
 import re
 from dataclasses import replace
@@ -221,45 +220,6 @@ def test_the_slices_by_near_synonyms_are_ranked_apart(values, kitchen_report, gr
     ):
         assert without_ci(row) == {"slice": name, **as_values(ranking_metrics(part))}
     assert summary_of(kitchen_report)["mrr_without_near_synonyms"] == without["mrr"]
-
-
-@pytest.mark.parametrize(("ends", "choose"), [("best", min), ("worst", max)])
-def test_best_and_worst_are_the_ends_of_the_ranking_with_each_fact_once(
-    values, kitchen_report, ends, choose
-):
-    def fact(row):
-        pair = (row["head"], row["tail"])
-        return row["relation"], *(sorted(pair) if row["relation"] == "combinesWith" else pair)
-
-    ranks = {}
-    for row in pd.read_csv(io.StringIO(kitchen_report.files["ranks.csv"])).to_dict("records"):
-        ranks[fact(row)] = choose(row["rank"], ranks.get(fact(row), row["rank"]))
-    expected = sorted(ranks.values(), reverse=ends == "worst")[: len(values[ends])]
-    assert [row["rank"] for row in values[ends]] == expected
-    assert len({fact(row) for row in values[ends]}) == len(values[ends]) == 8
-
-
-def test_perhaps_missing_lists_the_best_triples_that_the_graph_lacks(values, kitchen_model, graph):
-    known = {tuple(triple) for triple in graph.triples.tolist()}
-    table = kitchen_model.scorer.table(COMPONENT_OF)
-    pairs = itertools.permutations(range(graph.num_entities), 2)
-    missing = sorted(
-        (float(table[h, t]) for h, t in pairs if (h, COMPONENT_OF, t) not in known), reverse=True
-    )
-    listed = [row for row in values["perhaps_missing"] if row["relation"] == "componentOf"]
-    assert [row["score"] for row in listed] == pytest.approx(missing[: len(listed)])
-    assert not known & {triple_of(graph, row) for row in values["perhaps_missing"]}
-    others = [row for row in values["perhaps_missing"] if row["relation"] == "combinesWith"]
-    assert len({frozenset((row["head"], row["tail"])) for row in others}) == len(others) > 0
-
-
-def test_self_edges_are_never_listed_as_missing(opened, graph):
-    scores = torch.zeros(2, graph.num_entities, graph.num_entities)
-    scores[COMBINES_WITH].fill_diagonal_(1.0)
-    scores[COMBINES_WITH, 0, 1] = 2.0
-    values = values_of(link_report(table_scorer(graph, scores), opened))
-    assert {row["relation"] for row in values["perhaps_missing"]} == set(RELATIONS)
-    assert all(row["head"] != row["tail"] for row in values["perhaps_missing"])
 
 
 def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model, split, monkeypatch):

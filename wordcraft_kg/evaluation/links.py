@@ -18,7 +18,7 @@ from wordcraft_kg.evaluation.agent_metrics import (
     binned,
     goal_groups,
 )
-from wordcraft_kg.evaluation.ranked_links import RankedLinks, labelled
+from wordcraft_kg.evaluation.ranked_links import RankedLinks
 from wordcraft_kg.graphs import (
     COMBINES_WITH,
     RELATIONS,
@@ -190,8 +190,6 @@ def _log_loss(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> flo
     return float(-np.mean(np.where(is_true, np.log(chance), np.log1p(-chance))))
 
 
-# Rows of each list of triples: what fits on a screen.
-LISTED = 8
 # Bounds double roughly: the counts of an entity's triples are spread over orders of magnitude.
 SEEN = ((0, 0), (1, 5), (6, 15), (16, 40), (41, 100), (101, OPEN_END))
 _LAYERS = ((0, 2), (3, 5), (6, 8), (9, 11), (12, OPEN_END))
@@ -251,44 +249,6 @@ class DrillDown(Record):
     self_combination: tuple[SliceMetrics, ...]
     near_synonyms: tuple[SliceMetrics, ...]
     other_book: tuple[SliceMetrics, ...] = ()
-
-
-class RankedTriple(Record):
-    """A query with the rank of the true entity.
-
-    Attributes:
-        head: the head.
-        relation: the relation.
-        tail: the tail.
-        side: the open slot, whose entity was ranked.
-        rank: filtered rank of the true entity, from 1; ties share their mean rank.
-        score: score of the true entity.
-        top: the best candidate.
-    """
-
-    head: str
-    relation: Relation
-    tail: str
-    side: Literal["head", "tail"]
-    rank: Annotated[float, msgspec.Meta(ge=1)]
-    score: float
-    top: str
-
-
-class ScoredPair(Record):
-    """A triple outside the graph, with its score.
-
-    Attributes:
-        head: the head.
-        relation: the relation.
-        tail: the tail.
-        score: the score, on the scorer's own scale.
-    """
-
-    head: str
-    relation: Relation
-    tail: str
-    score: float
 
 
 def comparisons_of(links: RankedLinks, seed: int) -> Iterator[BaselineComparison]:
@@ -368,52 +328,6 @@ def _near_synonyms(links: RankedLinks) -> list[tuple[str, NDArray[np.bool_]]]:
     if not repeats.any():  # as in a split by goal, or without word vectors
         return []
     return [("a train recipe with a near-synonym", repeats), (NO_NEAR_SYNONYM, ~repeats)]
-
-
-def listed_triples(links: RankedLinks, *, ascending: bool) -> tuple[RankedTriple, ...]:
-    """Return the best-ranked (ascending) or worst-ranked queries, one for each fact.
-
-    A fact's queries for head and tail, and a combinesWith triple and its mirror, are one fact.
-    """
-    order = links.ranks.sort_values(
-        ["rank", "score"], ascending=[ascending, not ascending], kind="stable"
-    )
-    ends = order[["head", "tail"]].copy()
-    is_mirrored = order["relation"] == COMBINES_WITH
-    # Sorted ends are equal for a triple and its mirror, so duplicates show.
-    ends[is_mirrored] = np.sort(ends[is_mirrored], axis=1)
-    order = order[~ends.assign(relation=order["relation"]).duplicated()]
-    fields = list(RankedTriple.__struct_fields__)
-    shown = labelled(links.graph, order.head(LISTED))[fields]
-    # Rows of plain numbers: a record of NumPy numbers has no JSON form.
-    return msgspec.convert(shown.to_dict("records"), tuple[RankedTriple, ...])
-
-
-def perhaps_missing_of(links: RankedLinks) -> Iterator[ScoredPair]:
-    """Yield the best-scored triples outside the graph, equally many for each relation.
-
-    Such a triple may be a recipe that the book lacks.
-    """
-    graph = links.graph
-    for relation, name in enumerate(RELATIONS):
-        # A copy, because the scorer may keep its table.
-        scores = links.scorer.table(relation).cpu().numpy().copy()
-        if relation == COMBINES_WITH:
-            # Both directions are one fact: their mean stands above the diagonal, nothing below.
-            mean_scores = (scores + scores.T) / 2
-            scores = np.where(np.tri(len(scores), dtype=bool), -np.inf, mean_scores)
-        is_own = graph.triples[:, 1] == relation
-        heads, _, tails = graph.triples[is_own].T
-        scores[heads, tails] = -np.inf
-        # An entity with itself: models without an idea of roles score these pairs highest.
-        np.fill_diagonal(scores, -np.inf)
-        best_first = np.argsort(-scores, axis=None, kind="stable")
-        for flat in best_first[: LISTED // 2].tolist():
-            head, tail = divmod(flat, len(scores))
-            score = float(scores[head, tail])
-            # A small graph may have fewer free pairs than rows in the list.
-            if np.isfinite(score):
-                yield ScoredPair(graph.entities[head], name, graph.entities[tail], score)
 
 
 FEW_TEST_RECIPES = 50
@@ -511,8 +425,6 @@ class LinkView(Record):
         comparisons: differences between the model and each baseline, the best baseline first.
         near_synonym_cosine: least cosine of two labels that count as near-synonyms.
         drill_down: metrics for groups of queries.
-        best, worst: the best-ranked and the worst-ranked queries.
-        perhaps_missing: the best-scored triples outside the graph, perhaps missing recipes.
         trace: a row for each training epoch.
         provenance: facts about the training, by name.
     """
@@ -537,9 +449,6 @@ class LinkView(Record):
     comparisons: Annotated[tuple[BaselineComparison, ...], msgspec.Meta(min_length=1)]
     near_synonym_cosine: float
     drill_down: DrillDown
-    best: tuple[RankedTriple, ...]
-    worst: tuple[RankedTriple, ...]
-    perhaps_missing: tuple[ScoredPair, ...]
     trace: tuple[TraceRow, ...]
     provenance: dict[str, str]
 
@@ -604,9 +513,6 @@ def view_links(
         comparisons=tuple(comparisons_of(links, seed)),
         near_synonym_cosine=NEAR_SYNONYM,
         drill_down=drill_down_of(links, seed),
-        best=listed_triples(links, ascending=True),
-        worst=listed_triples(links, ascending=False),
-        perhaps_missing=tuple(perhaps_missing_of(links)) if links.has_table else (),
         trace=tuple(trace),
         provenance=dict(provenance or {}),
     )

@@ -92,7 +92,14 @@ class RankedLinks:
     @property
     def labelled_ranks(self) -> pd.DataFrame:
         """The rank table with labels in place of entity and relation ids, for readers and files."""
-        return labelled(self.graph, self.ranks)
+        # Objects: an array of fixed-width strings would copy the longest label's width each time.
+        names = np.array(self.graph.entities, dtype=object)
+        relations = np.array(RELATIONS, dtype=object)
+        frame = self.ranks.copy()
+        for column in ("head", "tail", "top"):
+            frame[column] = names[frame[column].to_numpy(dtype=np.int64)]
+        frame["relation"] = relations[frame["relation"].to_numpy(dtype=np.int64)]
+        return frame
 
     @cached_property
     def clusters(self) -> Ids:
@@ -186,18 +193,6 @@ def rank_links(
         train_sample or opened.train_sample(kg),
         made_by_other_books,
     )
-
-
-def labelled(graph: RecipeGraph, ranks: pd.DataFrame) -> pd.DataFrame:
-    """Return a rank table with labels in place of entity and relation ids."""
-    # Objects: an array of fixed-width strings would copy the longest label's width for each row.
-    names = np.array(graph.entities, dtype=object)
-    relations = np.array(RELATIONS, dtype=object)
-    frame = ranks.copy()
-    for column in ("head", "tail", "top"):
-        frame[column] = names[frame[column].to_numpy(dtype=np.int64)]
-    frame["relation"] = relations[frame["relation"].to_numpy(dtype=np.int64)]
-    return frame
 
 
 Bounds = tuple[float, float]

@@ -97,7 +97,7 @@ def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
             tuple of ingredients and the goal, and returns True or False.
         out: folder to write. Default: report/ in the model folder.
     """
-    from wordcraft_kg.evaluation.links import summarise_links, view_links
+    from wordcraft_kg.evaluation.links import view_links
     from wordcraft_kg.evaluation.ranked_links import rank_links
     from wordcraft_kg.evaluation.suggestions import is_set_model
     from wordcraft_kg.models.model_folder import open_model
@@ -122,7 +122,7 @@ def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
         made_by_other_books=trained.made_by_other_books,
         max_queries=max_queries,
     )
-    view = view_links(links, name=model.name, provenance=trained.provenance, trace=trained.trace)
+    view = view_links(links, name=model.name, provenance=trained.provenance)
     write_report(make_link_report(view, links.labelled_ranks), folder, force=force)
     rows = _rows_of_evaluation(view)
     text = [
@@ -131,7 +131,7 @@ def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
         *write_table(table, rows, force=force),
         f"wrote {folder}/   open {folder / 'index.html'}",
     ]
-    output.result(summarise_links(view, str(folder / "index.html")), text)
+    output.result(view, text)
     # Coverage depends on the split (by-goal splits lack coverage); if another check fails, no
     # metric is valid.
     failed = [check for check in view.checks if not check.passed and check.id != "coverage"]
@@ -186,18 +186,19 @@ def _shares(top: "TopShares") -> str:
 
 def _rows_of_evaluation(view: "LinkView") -> list[dict[str, Any]]:
     """Return the table of an evaluation: the model, baselines, and the model on some triples."""
+    from wordcraft_kg.evaluation.links import NO_NEAR_SYNONYM
+
     name = view.model.name
     tables: list[tuple[str, str, RankingMetrics]]
     tables = [(name, part, view.metrics[part]) for part in ("all", *RELATIONS)]
     tables += [(baseline, "all", parts["all"]) for baseline, parts in view.baselines.items()]
     if not view.model.has_seen_the_test_recipes:
         # Recipes that do not nearly repeat a train recipe.
-        tables += [
-            (name, "no near-synonym", row)
-            for row in view.drill_down.near_synonyms
-            if row.slice == "no such train recipe"
-        ]
-        tables += [(name, row.slice, row) for row in view.drill_down.other_book]
+        if "near_synonyms" in view.drill_down:
+            distant = view.drill_down["near_synonyms"][NO_NEAR_SYNONYM]
+            tables.append((name, "no near-synonym", distant))
+        by_book = view.drill_down.get("other_book", {})
+        tables += [(name, goals, metrics) for goals, metrics in by_book.items()]
         if view.leaked_left_out and view.model.kg != "none":
             # Training contains them, so the metrics are inflated by memory.
             tables.append((name, "with leaked (seen)", view.with_leaked))
@@ -215,8 +216,6 @@ def _rows_of_evaluation(view: "LinkView") -> list[dict[str, Any]]:
 
 
 def _notes_of_evaluation(view: "LinkView") -> Iterator[str]:
-    from wordcraft_kg.evaluation.links import has_few_test_recipes
-
     ranked = f"{view.triples:,}"
     if view.sampled_from is not None:
         ranked = f"a uniform sample of {view.triples:,} of {view.sampled_from:,}"
@@ -227,13 +226,13 @@ def _notes_of_evaluation(view: "LinkView") -> Iterator[str]:
     best = view.comparisons[0]
     low, high = best.ci
     lead = f"{best.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
-    yield f"{best.compared} the best baseline, {best.baseline}: {lead}"
-    if has_few_test_recipes(view):
+    yield f"{best.verdict} the best baseline, {best.baseline}: {lead}"
+    if view.has_few_test_recipes:
         count = f"{view.split.test_recipes:,} test recipes"
         yield f"only {count}: another seed of the split may change the verdict"
-    if view.in_sample:
-        left_out = f"MRR {view.in_sample.left_out_mrr:.3f} on train triples left out of training"
-        yield f"cross-fitted: {left_out} ({view.in_sample.in_sample_mrr:.3f} in-sample)"
+    if view.folds:
+        left_out = f"MRR {view.folds.mrr:.3f} on train triples left out of training"
+        yield f"cross-fitted: {left_out} ({view.folds.in_sample_mrr:.3f} in-sample)"
 
 
 def score(

@@ -55,11 +55,10 @@ class EvaluatedGraph(Record):
 
 # Above any rank or count, and far below the limit of int64.
 OPEN_END = 10**9
-Bounds = Sequence[tuple[int, int]]
 
 
 def binned(
-    values: Ids, bounds: Bounds, *, more: str = "+"
+    values: Ids, bounds: Sequence[tuple[int, int]]
 ) -> Iterator[tuple[str, NDArray[np.bool_]]]:
     """Sort values into bins.
 
@@ -67,7 +66,6 @@ def binned(
         values: integers, shape (N,).
         bounds: lowest and highest value of each bin, both included; :data:`OPEN_END` for no upper
             bound.
-        more: text after the lowest value in the name of a bin without an upper bound.
 
     Yields:
         The name of each bin, such as ``3–4`` or ``9+``, and a mask, shape (N,).
@@ -76,7 +74,7 @@ def binned(
         if low == high:
             name = str(low)
         elif high == OPEN_END:
-            name = f"{low}{more}"
+            name = f"{low}+"
         else:
             name = f"{low}–{high}"
         yield name, (values >= low) & (values <= high)

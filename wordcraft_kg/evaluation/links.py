@@ -1,7 +1,7 @@
 """Evaluation of a link predictor: ranking metrics, baselines, query groups, and validity checks."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Annotated, Any, Literal
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -13,7 +13,6 @@ from wordcraft_kg.base import Count, Record, Share, quoted
 from wordcraft_kg.base.statistics import bootstrap, cluster_interval, wilson_interval
 from wordcraft_kg.evaluation.agent_metrics import (
     OPEN_END,
-    Bounds,
     EvaluatedGraph,
     binned,
     goal_groups,
@@ -30,11 +29,9 @@ from wordcraft_kg.graphs import (
     layers,
 )
 from wordcraft_kg.graphs.audit import Leakage, leakage, split_summary
-from wordcraft_kg.models.links.link_records import TraceRow
-from wordcraft_kg.models.scorers.cross_fitting import folds_of
+from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord, folds_of
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import (
-    NEAR_SYNONYM,
     near_synonym_recipes,
     near_synonym_triples,
 )
@@ -194,7 +191,9 @@ def _log_loss(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> flo
 SEEN = ((0, 0), (1, 5), (6, 15), (16, 40), (41, 100), (101, OPEN_END))
 _LAYERS = ((0, 2), (3, 5), (6, 8), (9, 11), (12, OPEN_END))
 NO_NEAR_SYNONYM = "no such train recipe"
-Verdict = Literal["above", "no significant difference", "below"]
+Slices = dict[str, RankingMetrics]
+"""Metrics by the name of a group of queries, such as a relation."""
+Verdict = Literal["above", "no significant difference from", "below"]
 
 
 class BaselineComparison(Record):
@@ -205,7 +204,8 @@ class BaselineComparison(Record):
         difference: MRR of the link predictor minus that of the baseline.
         ci: 95 % interval, by bootstrap over groups of recipes; both models answer the same
             resampled queries.
-        verdict: `no significant difference` (at 5 %) if the interval contains 0.
+        verdict: the link predictor is `above` the baseline, `below` it, or has `no significant
+            difference from` it (at 5 %): the interval contains 0.
     """
 
     baseline: str
@@ -213,49 +213,9 @@ class BaselineComparison(Record):
     ci: tuple[float, float]
     verdict: Verdict
 
-    @property
-    def compared(self) -> str:
-        """Verdict before the baseline's name: ``above``, or ``no significant difference from``."""
-        if self.verdict == "no significant difference":
-            return f"{self.verdict} from"
-        return self.verdict
 
-
-class SliceMetrics(RankingMetrics, kw_only=True):
-    """Ranking metrics for a named group of queries (a slice).
-
-    Attributes:
-        slice: the group's name.
-    """
-
-    slice: str
-
-
-class DrillDown(Record):
-    """Ranking metrics for groups of queries; groups without queries are left out.
-
-    Attributes:
-        seen_in_train: by the number of training triples with the answer.
-        layer: by the crafting rounds to the answer.
-        self_combination: combinesWith of an entity with itself, and with another entity.
-        near_synonyms: test recipes that repeat a train recipe with a near-synonym, and all others;
-            empty for a model trained on the full graph.
-        other_book: componentOf links to goals that another book in the training makes, and to all
-            other goals; empty without another book.
-    """
-
-    seen_in_train: tuple[SliceMetrics, ...]
-    layer: tuple[SliceMetrics, ...]
-    self_combination: tuple[SliceMetrics, ...]
-    near_synonyms: tuple[SliceMetrics, ...]
-    other_book: tuple[SliceMetrics, ...] = ()
-
-
-def comparisons_of(links: RankedLinks, seed: int) -> Iterator[BaselineComparison]:
-    """Compare a link predictor with each baseline by reciprocal ranks, the best baseline first.
-
-    ``seed`` is the seed of the bootstrap.
-    """
+def comparisons_of(links: RankedLinks) -> Iterator[BaselineComparison]:
+    """Compare a link predictor with each baseline by reciprocal ranks, the best baseline first."""
     reciprocal_ranks = _reciprocal(links.ranks)
     baselines = {name: _reciprocal(ranks) for name, ranks in links.baseline_ranks.items()}
     # The expectation over random orders, and not one order: its own luck would widen the interval.
@@ -263,9 +223,9 @@ def comparisons_of(links: RankedLinks, seed: int) -> Iterator[BaselineComparison
     best_first = sorted(baselines, key=lambda name: -float(baselines[name].mean()))
     for name in best_first:
         difference = reciprocal_ranks - baselines[name]
-        means = bootstrap(difference, links.clusters, seed=seed)
+        means = bootstrap(difference, links.clusters)
         low, high = cluster_interval(difference, links.clusters, means)
-        verdict: Verdict = "no significant difference"
+        verdict: Verdict = "no significant difference from"
         if low > 0:
             verdict = "above"
         elif high < 0:
@@ -278,8 +238,17 @@ def _reciprocal(ranks: pd.DataFrame) -> NDArray[np.float64]:
     return np.asarray(1 / ranks["rank"].to_numpy(dtype=float))
 
 
-def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
-    """Return ranking metrics for query groups; ``seed`` is the bootstrap seed."""
+def drill_down_of(links: RankedLinks) -> dict[str, Slices]:
+    """Return ranking metrics for groups of queries, by kind of group; none without queries.
+
+    - ``seen_in_train``: by the number of training triples with the answer.
+    - ``layer``: by the crafting rounds to the answer.
+    - ``self_combination``: combinesWith of an entity with itself, and with another entity.
+    - ``near_synonyms``: test recipes that repeat a train recipe with a near-synonym, and all
+      others; not for a model trained on the full graph.
+    - ``other_book``: componentOf links to goals that another book in the training makes, and to all
+      other goals.
+    """
     graph = links.graph
     ranks = links.ranks
     trained_on = links.train_sample.triples
@@ -289,38 +258,40 @@ def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
     # A triple counts for both of its ends, and twice for an entity with itself.
     ends = np.concatenate([trained_on[:, 0], trained_on[:, 2]])
     uses = np.bincount(ends, minlength=graph.num_entities)
-    train_uses = uses[target]
     layer = layers(graph)[target]
     is_symmetric = (ranks["relation"] == COMBINES_WITH).to_numpy()
     is_self = (ranks["head"] == ranks["tail"]).to_numpy()
-
-    def between(values: Ids, bounds: Bounds) -> Iterator[tuple[str, NDArray[np.bool_]]]:
-        return binned(values, bounds, more=" or more")
-
-    def slices(groups: Iterable[tuple[str, NDArray[np.bool_]]]) -> Iterator[SliceMetrics]:
-        for name, mask in groups:
-            if mask.any():
-                metrics = with_interval(ranks[mask], links.clusters[mask], seed=seed)
-                yield SliceMetrics(**msgspec.structs.asdict(metrics), slice=name)
-
-    pairs = [("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]
     # The goal is the tail of componentOf; combinesWith says nothing about a goal.
     goals = ranks["tail"].to_numpy(dtype=np.int64)
-    groups = goal_groups(graph, goals, links.made_by_other_books)
-    by_other_book = [
-        (f"componentOf, {name}", mask & ~is_symmetric) for name, mask in groups.items()
-    ]
-    return DrillDown(
-        seen_in_train=tuple(slices(between(train_uses, SEEN))),
-        layer=tuple(slices([("not reachable", layer < 0), *between(layer, _LAYERS)])),
-        self_combination=tuple(slices(pairs)),
-        # With all recipes in training every test recipe repeats a train recipe: itself.
-        near_synonyms=() if links.is_full else tuple(slices(_near_synonyms(links))),
-        other_book=tuple(slices(by_other_book)),
-    )
+    by_book = goal_groups(graph, goals, links.made_by_other_books)
+    groups: dict[str, Iterable[tuple[str, NDArray[np.bool_]]]] = {
+        "seen_in_train": binned(uses[target], SEEN),
+        "layer": [("not reachable", layer < 0), *binned(layer, _LAYERS)],
+        "self_combination": [
+            ("with itself", is_symmetric & is_self),
+            ("with another", is_symmetric & ~is_self),
+        ],
+        "near_synonyms": _near_synonyms(links),
+        "other_book": [
+            (f"componentOf, {name}", mask & ~is_symmetric) for name, mask in by_book.items()
+        ],
+    }
+    drill_down = {}
+    for kind, masks in groups.items():
+        slices = {
+            name: with_interval(ranks[mask], links.clusters[mask])
+            for name, mask in masks
+            if mask.any()
+        }
+        if slices:
+            drill_down[kind] = slices
+    return drill_down
 
 
 def _near_synonyms(links: RankedLinks) -> list[tuple[str, NDArray[np.bool_]]]:
+    # With all recipes in training every test recipe repeats a train recipe: itself.
+    if links.is_full:
+        return []
     graph = links.graph
     recipes = near_synonym_recipes(links.opened.split, glove_features(graph.entities))
     # Both queries of a triple, tails before heads.
@@ -332,8 +303,6 @@ def _near_synonyms(links: RankedLinks) -> list[tuple[str, NDArray[np.bool_]]]:
 
 FEW_TEST_RECIPES = 50
 """A verdict on fewer test recipes is marked: it may differ with another seed of the split."""
-_Slices = dict[str, RankingMetrics]
-"""Metrics for all queries, for each relation, and for each relation and side."""
 
 
 class EvaluatedModel(Record):
@@ -367,39 +336,6 @@ class Check(Record):
     detail: str
 
 
-class Ties(Record):
-    """Ranking metrics with other treatments of ties and known answers.
-
-    Attributes:
-        optimistic: ties are broken for the model.
-        pessimistic: ties are broken against the model.
-        raw_rank: known true answers compete with the answer of the query.
-    """
-
-    optimistic: RankingMetrics
-    pessimistic: RankingMetrics
-    raw_rank: RankingMetrics
-
-
-class InSample(Record):
-    """MRR of a cross-fitted model on train triples, with and without these triples in training.
-
-    Attributes:
-        folds: number of folds.
-        queries: query count for train triples that no recipe outside their fold gives.
-        in_sample_mrr: MRR with the model of all train recipes.
-        left_out_mrr: MRR with the models trained without the query's fold; often below `test_mrr`,
-            so not a forecast.
-        test_mrr: MRR on the unseen test triples.
-    """
-
-    folds: Count
-    queries: Count
-    in_sample_mrr: Share
-    left_out_mrr: Share
-    test_mrr: Share
-
-
 class LinkView(Record):
     """All numbers in a link-prediction report (``report.json``).
 
@@ -416,16 +352,15 @@ class LinkView(Record):
         leaked_left_out: number of test recipe triples left out because they are also in training.
         leakage: triples of test recipes that training contains, by relation.
         checks: conditions for valid metrics.
-        metrics: metrics with filtered ranks; equal scores share their mean rank.
-        ties: metrics with other treatments of ties and known answers.
-        in_sample: memory of a cross-fitted model; None for other models.
+        metrics: metrics with filtered ranks for all queries, each relation, and each relation and
+            side; equal scores share their mean rank.
+        folds: MRR of a cross-fitted model on train triples, with and without them in training; None
+            for other models.
         probabilities: calibration of a cross-fitted model; empty for other models.
         with_leaked: metrics with the leaked triples included.
         baselines: metrics of each baseline.
         comparisons: differences between the model and each baseline, the best baseline first.
-        near_synonym_cosine: least cosine of two labels that count as near-synonyms.
-        drill_down: metrics for groups of queries.
-        trace: a row for each training epoch.
+        drill_down: metrics for groups of queries by kind of group, see :func:`drill_down_of`.
         provenance: facts about the training, by name.
     """
 
@@ -440,17 +375,23 @@ class LinkView(Record):
     leaked_left_out: Count
     leakage: dict[Relation, Leakage]
     checks: Annotated[tuple[Check, ...], msgspec.Meta(min_length=2)]
-    metrics: _Slices
-    ties: Ties
-    in_sample: InSample | None
+    metrics: Slices
+    folds: FoldsRecord | None
     probabilities: tuple[Reliability, ...]
     with_leaked: RankingMetrics
-    baselines: dict[str, _Slices]
+    baselines: dict[str, Slices]
     comparisons: Annotated[tuple[BaselineComparison, ...], msgspec.Meta(min_length=1)]
-    near_synonym_cosine: float
-    drill_down: DrillDown
-    trace: tuple[TraceRow, ...]
+    drill_down: dict[str, Slices]
     provenance: dict[str, str]
+
+    @property
+    def has_few_test_recipes(self) -> bool:
+        """Whether fewer than :data:`FEW_TEST_RECIPES` test recipes decide the comparisons.
+
+        A model of the full graph is compared on all recipes, and has seen them.
+        """
+        is_unseen = not self.model.has_seen_the_test_recipes
+        return is_unseen and self.split.test_recipes < FEW_TEST_RECIPES
 
 
 def view_links(
@@ -458,8 +399,6 @@ def view_links(
     *,
     name: str = "scorer",
     provenance: Mapping[str, str] | None = None,
-    trace: Sequence[TraceRow] = (),
-    seed: int = 0,
 ) -> LinkView:
     """Return all numbers in a link-prediction report.
 
@@ -467,8 +406,6 @@ def view_links(
         links: the ranked queries.
         name: the model's name in the report.
         provenance: facts about the training; None for none.
-        trace: a row for each training epoch.
-        seed: seed of the bootstrap.
 
     Returns:
         The numbers, for :func:`~wordcraft_kg.reports.link_report.make_link_report`.
@@ -479,9 +416,14 @@ def view_links(
     graph = links.graph
     ranks = links.ranks
     split = split_summary(links.opened.split)
+    scorer = folds_of(links.scorer)
+    folds = None
+    # Some scorers have folds whose links nobody has ranked.
+    if scorer is not None and not links.is_full and scorer.record.mrr is not None:
+        folds = scorer.record
 
     def measure(part: pd.DataFrame, mask: NDArray[np.bool_]) -> RankingMetrics:
-        return with_interval(part, links.clusters[mask], seed=seed)
+        return with_interval(part, links.clusters[mask])
 
     # All models are resampled with the same seed, so intervals differ only by the ranks.
     baselines = {name: _by_slice(ranks, measure) for name, ranks in links.baseline_ranks.items()}
@@ -500,67 +442,14 @@ def view_links(
         leakage=leakage(links.opened.split),
         checks=tuple(_checks(links)),
         metrics=_by_slice(ranks, measure),
-        ties=Ties(
-            optimistic=ranking_metrics(ranks, "optimistic"),
-            pessimistic=ranking_metrics(ranks, "pessimistic"),
-            # Without the filter all entities are candidates, which adjusted metrics need to know.
-            raw_rank=ranking_metrics(ranks.assign(candidates=graph.num_entities), "raw_rank"),
-        ),
-        in_sample=_in_sample(links),
+        folds=folds,
         probabilities=tuple(reliability_of(links)),
         with_leaked=_with_leaked(links),
         baselines=baselines,
-        comparisons=tuple(comparisons_of(links, seed)),
-        near_synonym_cosine=NEAR_SYNONYM,
-        drill_down=drill_down_of(links, seed),
-        trace=tuple(trace),
+        comparisons=tuple(comparisons_of(links)),
+        drill_down=drill_down_of(links),
         provenance=dict(provenance or {}),
     )
-
-
-def has_few_test_recipes(view: LinkView) -> bool:
-    """Return whether fewer than :data:`FEW_TEST_RECIPES` test recipes decide the comparisons.
-
-    A model of the full graph is compared on all recipes, and has seen them.
-    """
-    return not view.model.has_seen_the_test_recipes and view.split.test_recipes < FEW_TEST_RECIPES
-
-
-def summarise_links(view: LinkView, report: str) -> dict[str, Any]:
-    """Return the main results for all queries and each relation, and the report's path.
-
-    A result is None without queries of the relation.
-    """
-    # The names that the field uses in text; records have names that Python allows.
-    slices = ("all", *RELATIONS)
-    names = {
-        "mrr": "mrr",
-        "hits@1": "hits_at_1",
-        "hits@3": "hits_at_3",
-        "hits@10": "hits_at_10",
-        "mrr_ci": "mrr_ci",
-    }
-    metrics = {}
-    for name, field in names.items():
-        metrics[name] = {part: getattr(view.metrics[part], field) for part in slices}
-    baselines = {}
-    for name, table in view.baselines.items():
-        baselines[name] = {part: table[part].mrr for part in slices}
-    distant_mrr = [row.mrr for row in view.drill_down.near_synonyms if row.slice == NO_NEAR_SYNONYM]
-    return {
-        **metrics,
-        "queries": view.queries,
-        "triples": view.triples,
-        "sampled_from": view.sampled_from,
-        "leaked_left_out": view.leaked_left_out,
-        "mrr_with_leaked": view.with_leaked.mrr,
-        "mrr_without_near_synonyms": distant_mrr[0] if distant_mrr else None,
-        "has_seen_the_test_recipes": view.model.has_seen_the_test_recipes,
-        "baselines": baselines,
-        "comparisons": view.comparisons,
-        "checks_passed": all(check.passed for check in view.checks),
-        "report": report,
-    }
 
 
 def _checks(links: RankedLinks) -> Iterator[Check]:
@@ -596,7 +485,7 @@ def _checks(links: RankedLinks) -> Iterator[Check]:
 
 def _by_slice(
     ranks: pd.DataFrame, measure: Callable[[pd.DataFrame, NDArray[np.bool_]], RankingMetrics]
-) -> _Slices:
+) -> Slices:
     return {name: measure(ranks[mask], mask) for name, mask in slice_masks(ranks).items()}
 
 
@@ -614,14 +503,3 @@ def _with_leaked(links: RankedLinks) -> RankingMetrics:
     if not len(ranks):
         return ranking_metrics(links.ranks)
     return ranking_metrics(pd.concat([links.ranks, ranks], ignore_index=True))
-
-
-def _in_sample(links: RankedLinks) -> InSample | None:
-    folds = folds_of(links.scorer)
-    test_mrr = ranking_metrics(links.ranks).mrr
-    if links.is_full or folds is None:
-        return None
-    record = folds.record
-    if record.mrr is None or record.in_sample_mrr is None or test_mrr is None:
-        return None
-    return InSample(record.count, record.queries, record.in_sample_mrr, record.mrr, test_mrr)

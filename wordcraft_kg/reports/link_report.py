@@ -2,13 +2,10 @@
 
 from typing import TYPE_CHECKING
 
-from wordcraft_kg.evaluation.links import (
-    FEW_TEST_RECIPES,
-    LinkView,
-    has_few_test_recipes,
-)
+from wordcraft_kg.evaluation.links import FEW_TEST_RECIPES, LinkView
 from wordcraft_kg.evaluation.ranked_links import LinkComparison, by_mrr
 from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM
 from wordcraft_kg.models.scorers.ranking import RankingMetrics
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.pages import GLOSSARY, Report, render_page
@@ -38,12 +35,11 @@ def make_link_report(view: LinkView, ranks: "pd.DataFrame | None" = None) -> Rep
         {
             **_pictures_of_ranks(view),
             **_pictures_of_probabilities(view),
-            **_pictures_of_training(view),
         },
         shown={
             "relations": RELATIONS,
             "few": FEW_TEST_RECIPES,
-            "few_test_recipes": has_few_test_recipes(view),
+            "near_synonym": NEAR_SYNONYM,
         },
         files=files,
     )
@@ -84,16 +80,6 @@ def _pictures_of_ranks(view: LinkView) -> dict[str, charts.Chart]:
 def _interval_row(name: str, metrics: RankingMetrics) -> tuple[str, charts.Estimate]:
     low, high = metrics.mrr_ci or (None, None)
     return name, (metrics.mrr or 0.0, low, high)
-
-
-def _pictures_of_training(view: LinkView) -> dict[str, charts.Chart]:
-    loss = [(row.epoch, row.loss, None, None) for row in view.trace]
-    pictures = {}
-    if loss:
-        pictures["loss"] = charts.curves(
-            [charts.ChartCurve("loss", loss, 0)], "epoch", "training loss", "Training loss by epoch"
-        )
-    return pictures
 
 
 def comparison_page(view: LinkComparison) -> str:

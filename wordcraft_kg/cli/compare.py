@@ -102,7 +102,7 @@ def _compare_agents(
     output: Output,
 ) -> None:
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.evaluation.agents import group_agents, summarise_agents, view_agents
+    from wordcraft_kg.evaluation.agents import group_agents, view_agents
     from wordcraft_kg.reports.agent_report import make_agent_report
     from wordcraft_kg.reports.pages import write_report
 
@@ -120,13 +120,24 @@ def _compare_agents(
     page = folder / "index.html"
     rows = rows_of_agents(view)
     text = [
-        f"{view.part} tasks of depth {view.depth}; tasks resampled by {view.split.unit}, "
+        f"{view.part} tasks of depth {view.depth}; tasks resampled by {view.unit}, "
         f"differences to {view.agents[0].name}",
         *text_table(rows),
         *write_table(table, rows, force=force),
         f"wrote {folder}/   open {page}",
     ]
-    output.result(summarise_agents(view, str(page)), text)
+    # Curves and episodes are in the report alone.
+    values = {
+        "report": str(page),
+        "part": view.part,
+        "depth": view.depth,
+        "agents": {
+            agent.name: {"runs": agent.runs, "seeds": agent.seeds, "success": agent.success}
+            for agent in view.agents
+        },
+        "baselines": view.baselines,
+    }
+    output.result(values, text)
 
 
 def rows_of_agents(view: "AgentsView") -> list[dict[str, Any]]:

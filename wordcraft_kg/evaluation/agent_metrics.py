@@ -17,41 +17,11 @@ from numpy.typing import NDArray
 from wordcraft_kg.agents.agent_folder import AgentRun, OpenedAgent
 from wordcraft_kg.agents.agent_records import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
-from wordcraft_kg.base.records import Count, Hash, Record, Share
+from wordcraft_kg.base.records import Record, Share
 from wordcraft_kg.base.statistics import paired_difference, student_interval, task_bootstrap
 from wordcraft_kg.graphs import Ids, RecipeGraph, TaskSet, layers
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources import ALPHA, source_names, with_letters
-
-
-class EvaluatedGraph(Record):
-    """The evaluated graph.
-
-    Attributes:
-        name: the graph's name.
-        hash: content hash.
-        entities: number of entities.
-        recipes: number of recipes.
-        triples: number of triples.
-    """
-
-    name: str
-    hash: Hash
-    entities: Count
-    recipes: Count
-    triples: Count
-
-    @classmethod
-    def of(cls, graph: RecipeGraph) -> "EvaluatedGraph":
-        """Return a graph's name, hash and sizes."""
-        return cls(
-            name=graph.name,
-            hash=graph.hash,
-            entities=graph.num_entities,
-            recipes=graph.num_recipes,
-            triples=len(graph.triples),
-        )
-
 
 # Above any rank or count, and far below the limit of int64.
 OPEN_END = 10**9

@@ -25,7 +25,6 @@ from wordcraft_kg.agents.evaluation import (
     PlayerSuccess,
     PolicyPlayer,
     play_all,
-    player_of,
     success_rows,
 )
 from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
@@ -33,7 +32,6 @@ from wordcraft_kg.base import (
     ConfigError,
     Count,
     GraphMismatchError,
-    Hash,
     Record,
     Share,
     counted,
@@ -47,7 +45,6 @@ from wordcraft_kg.evaluation.agent_metrics import (
     AgainstScorer,
     AgentSuccess,
     CurvePoint,
-    EvaluatedGraph,
     LambdaCurve,
     SeedCurve,
     Slice,
@@ -64,9 +61,9 @@ from wordcraft_kg.evaluation.agent_metrics import (
     success_of,
     training_metrics,
 )
-from wordcraft_kg.graphs import OpenedGraph, TaskPart, TrainedOn
+from wordcraft_kg.graphs import OpenedGraph, PlayedGraph, TaskPart, TrainedOn
 from wordcraft_kg.models.model import Model
-from wordcraft_kg.models.policies.sources import shown_setting, with_letters
+from wordcraft_kg.models.policies.sources import shown_setting
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 
 _RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
@@ -76,23 +73,6 @@ _DRAWN_BY = ("task_weighting",)
 """Further settings if tasks are sampled instead of enumerated."""
 # The fewest and the most distractors of the paper.
 DISTRACTORS = (1, 8)
-
-
-class SharedSplit(Record):
-    """The recipe split (train, valid, test) that all compared agents share.
-
-    Attributes:
-        kind: kind of the split.
-        seed: seed of the split.
-        hash: content hash of the split.
-        unit: recipes, goals, slots or kinds: the split holds these out together, and intervals
-            resample them.
-    """
-
-    kind: str
-    seed: int
-    hash: Hash
-    unit: str
 
 
 class AgentEntry(Record):
@@ -146,21 +126,6 @@ class AgentEntry(Record):
     provenance: dict[str, dict[str, str]]
 
 
-class BaselineSuccess(Record):
-    """Success of a scripted player, or of a scorer alone, at the agents' tables.
-
-    Attributes:
-        name: the player's name.
-        success: success rate by distractor count.
-        by_plan: share of episodes that make the goal by one of the task's plans, by distractor
-            count.
-    """
-
-    name: str
-    success: dict[str, Share]
-    by_plan: dict[str, Share]
-
-
 class Explanation(Record):
     """Episodes of a trained agent, with all scores and logits for each action.
 
@@ -182,8 +147,9 @@ class AgentsView(Record):
 
     Attributes:
         format: name and version of the format.
-        graph: graph that all agents were trained on.
-        split: split that all agents share.
+        graph: graph and split that all agents were trained on.
+        unit: recipes, goals, slots or kinds: the split holds these out together, and intervals
+            resample them.
         part: split part with the tasks.
         depth: fewest attempts that solve a task.
         distractors: distractor counts that were played.
@@ -192,14 +158,14 @@ class AgentsView(Record):
         tasks: number of played tasks.
         sampled_from: number of tasks that the played ones are a sample of; None if all were played.
         agents: the agents; the first is the reference of all differences.
-        baselines: scripted players, and the agents' scorers alone.
+        baselines: scripted players, and the agents' scorers alone, with each distractor count.
         episodes: example episodes of each agent.
 
     """
 
     format: Literal["wordcraft-kg agent report 1"]
-    graph: EvaluatedGraph
-    split: SharedSplit
+    graph: PlayedGraph
+    unit: str
     part: TaskPart
     depth: Annotated[int, msgspec.Meta(ge=1)]
     distractors: tuple[Count, ...]
@@ -208,7 +174,7 @@ class AgentsView(Record):
     tasks: Annotated[int, msgspec.Meta(ge=1)]
     sampled_from: Count | None
     agents: Annotated[tuple[AgentEntry, ...], msgspec.Meta(min_length=1)]
-    baselines: tuple[BaselineSuccess, ...]
+    baselines: tuple[PlayerSuccess, ...]
     episodes: tuple[Explanation, ...]
 
 
@@ -315,18 +281,11 @@ def view_agents(
     scorer_results = _scorers_alone(groups, evaluators)
     other_labels = _made_by_other_books(everyone)
     reference = next(iter(results.values()))
-    graph = first.opened.graph
-    split = first.opened.split
     tasks = len(evaluators[headline].tasks)
     return AgentsView(
         format="wordcraft-kg agent report 1",
-        graph=EvaluatedGraph.of(graph),
-        split=SharedSplit(
-            kind=split.config.kind,
-            seed=split.config.seed,
-            hash=split.hash,
-            unit=split.unit,
-        ),
+        graph=PlayedGraph.of(first.opened),
+        unit=first.opened.split.unit,
         part=part,
         depth=first.config.tasks.depth,
         distractors=tuple(played),
@@ -358,21 +317,6 @@ def view_agents(
             for members in groups.values()
         ),
     )
-
-
-def summarise_agents(view: AgentsView, report: str) -> dict[str, Any]:
-    """Return the main results in an agent report: success by agent, and the path to the report."""
-    agents = {
-        agent.name: {"runs": agent.runs, "seeds": agent.seeds, "success": agent.success}
-        for agent in view.agents
-    }
-    return {
-        "report": report,
-        "part": view.part,
-        "depth": view.depth,
-        "agents": agents,
-        "baselines": view.baselines,
-    }
 
 
 def _made_by_other_books(agents: Sequence[OpenedAgent]) -> frozenset[str] | None:
@@ -421,7 +365,7 @@ def _play(player: players.Player, evaluators: dict[int, Evaluator]) -> dict[int,
 
 def _baselines(
     groups: Groups, evaluators: dict[int, Evaluator], scorers: _ScorersAlone
-) -> Iterator[BaselineSuccess]:
+) -> Iterator[PlayerSuccess]:
     first = next(iter(groups.values()))[0]
     results = {
         "random": _play(players.random_entity, evaluators),
@@ -440,9 +384,8 @@ def _baselines(
     # Last, as the upper bound.
     results["recipe oracle"] = _play(players.recipe_oracle, evaluators)
     for name, played in results.items():
-        success = {str(amount): float(result.success.mean()) for amount, result in played.items()}
-        by_plan = {str(amount): float(result.by_plan.mean()) for amount, result in played.items()}
-        yield BaselineSuccess(name, success, by_plan)
+        for amount, result in played.items():
+            yield from success_rows(name, amount, result, {})
 
 
 def _words_beside(agent: OpenedAgent) -> dict[str, players.Player]:
@@ -594,30 +537,25 @@ EXTERNAL: Registry[PlayGames] = Registry("wordcraft_kg.external_players")
 
 
 class AgentEvaluation(Record):
-    """Success of a trained agent or of another player on the agent's tasks.
+    """Success of a trained agent on its tasks.
 
     Attributes:
-        run: folder of the run with the tasks.
-        agent: name of the player.
-        checkpoint: checkpoint of the trained agent's weights; None for other players.
-        scores: how the scores are standardised if the scorer plays alone; None for other players.
+        run: folder of the run.
+        checkpoint: checkpoint of the agent's weights.
         part: split part with the tasks.
         depth: fewest attempts that solve a task.
         distractor_policy: where distractors are drawn from.
         success: success rate by distractor count.
         outcomes: share of episodes by termination reason, by distractor count.
-        against_scorer: comparison of the trained agent with its scorer alone, by distractor count;
-            None for other players and without a scorer.
-        sources: what each source adds to the trained agent, by distractor count; None for other
-            players and without a scorer.
+        against_scorer: comparison of the agent with its scorer alone, by distractor count; None
+            without a scorer.
+        sources: what each source adds to the agent, by distractor count; None without a scorer.
         by_goal: success on goals that another book in the scorer's training makes, and on all other
             goals, by distractor count; None if the scorer learned from no other book.
     """
 
     run: str
-    agent: str
-    checkpoint: str | None
-    scores: str | None
+    checkpoint: str
     part: TaskPart
     depth: int
     distractor_policy: DistractorPolicy
@@ -638,20 +576,18 @@ class AgentEvaluation(Record):
 
 def view_evaluation(
     run: Path,
-    trained: OpenedAgent,
-    agent: str,
+    agent: OpenedAgent,
     part: TaskPart,
     distractors: Sequence[int],
     distractor_seeds: int | None,
     distractor_policy: DistractorPolicy | None = None,
     limit: int = MOST_TASKS,
 ) -> AgentEvaluation:
-    """Evaluate a player on an agent's tasks.
+    """Evaluate an agent on its tasks.
 
     Args:
-        run: folder of ``trained``.
-        trained: the agent whose tasks are played.
-        agent: name of the player, see :func:`~wordcraft_kg.agents.evaluation.player_of`.
+        run: folder of ``agent``.
+        agent: the trained agent.
         part: split part with the tasks.
         distractors: distractor counts.
         distractor_seeds: tables per task; None as for
@@ -664,49 +600,41 @@ def view_evaluation(
         Success and outcomes by distractor count.
 
     Raises:
-        ConfigError: if ``agent`` is kg-only and the run has no scorer, a value is out of range, or
-            the graph has too few entities for so many distractors.
+        ConfigError: if a value is out of range, or the graph has too few entities for so many
+            distractors.
         TaskError: if the part has no tasks of the agent's depth.
     """
-    player = player_of(trained.policy, agent)
-    tasks = trained.config.tasks
-    policy = trained.config.policy
+    policy = agent.policy
+    tasks = agent.config.tasks
     config = tasks.environment(part, distractors[0])
     if distractor_policy is not None:
         config = config.variant(distractor_policy=distractor_policy)
-    world = World(trained.opened, config)
+    world = World(agent.opened, config)
     evaluators = _evaluators(world, distractors, distractor_seeds, limit)
-    results = _play(player, evaluators)
+    results = _play(PolicyPlayer(policy), evaluators)
     against_scorer = None
     sources = None
-    if agent == "trained" and trained.policy.sources:
+    if policy.sources:
         # The last one is p alone if the agent has it, else w alone, else all sources.
-        name, scorer_player = list(players.scorer_alone(trained.policy.sources).items())[-1]
+        name, scorer_player = list(players.scorer_alone(policy.sources).items())[-1]
         against_scorer = {
             str(amount): compare_with_scorer([results[amount]], name, scorer_result)
             for amount, scorer_result in _play(scorer_player, evaluators).items()
         }
         sources = {
-            str(amount): source_gains([trained.policy], evaluator, [results[amount]])
+            str(amount): source_gains([policy], evaluator, [results[amount]])
             for amount, evaluator in evaluators.items()
         }
     by_goal = None
-    labels = trained.made_by_other_books
+    labels = agent.made_by_other_books
     if labels is not None:
         by_goal = {
-            str(amount): slices_of(trained, world.tasks, [result], labels).get("other_book", ())
+            str(amount): slices_of(agent, world.tasks, [result], labels).get("other_book", ())
             for amount, result in results.items()
         }
-    scores = None
-    if agent == "kg-only":
-        scores = (
-            f"{with_letters(policy.sources)}, scale {policy.scale}, self edges {policy.self_edges}"
-        )
     return AgentEvaluation(
         run=str(run),
-        agent=agent,
-        checkpoint=trained.checkpoint if agent == "trained" else None,
-        scores=scores,
+        checkpoint=agent.checkpoint,
         part=part,
         depth=tasks.depth,
         distractor_policy=world.config.distractor_policy,

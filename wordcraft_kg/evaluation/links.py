@@ -13,7 +13,6 @@ from wordcraft_kg.base import Count, Record, Share, quoted
 from wordcraft_kg.base.statistics import bootstrap, cluster_interval, wilson_interval
 from wordcraft_kg.evaluation.agent_metrics import (
     OPEN_END,
-    EvaluatedGraph,
     binned,
     goal_groups,
 )
@@ -22,6 +21,7 @@ from wordcraft_kg.graphs import (
     COMBINES_WITH,
     RELATIONS,
     Ids,
+    PlayedGraph,
     Relation,
     SplitSummary,
     TrainedOn,
@@ -342,7 +342,8 @@ class LinkView(Record):
     Attributes:
         format: name and version of the format.
         model: the evaluated model.
-        graph: the evaluated graph.
+        graph: the evaluated graph and its split.
+        entities: number of entities.
         split: size of the split's parts.
         queries: query count, two per ranked triple.
         triples: number of ranked triples.
@@ -366,7 +367,8 @@ class LinkView(Record):
 
     format: Literal["wordcraft-kg link report 1"]
     model: EvaluatedModel
-    graph: EvaluatedGraph
+    graph: PlayedGraph
+    entities: Count
     split: SplitSummary
     queries: Count
     triples: Count
@@ -413,7 +415,6 @@ def view_links(
     Raises:
         ArtefactError: if a score is not a finite number.
     """
-    graph = links.graph
     ranks = links.ranks
     split = split_summary(links.opened.split)
     scorer = folds_of(links.scorer)
@@ -432,7 +433,8 @@ def view_links(
     return LinkView(
         format="wordcraft-kg link report 1",
         model=EvaluatedModel(name, links.kg, links.is_full),
-        graph=EvaluatedGraph.of(graph),
+        graph=PlayedGraph.of(links.opened),
+        entities=links.graph.num_entities,
         split=split,
         queries=len(ranks),
         triples=len(links.queries),

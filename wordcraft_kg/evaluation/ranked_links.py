@@ -14,7 +14,6 @@ from wordcraft_kg.base import (
     ConfigError,
     Count,
     GraphMismatchError,
-    Hash,
     Record,
     Share,
     SplitError,
@@ -22,7 +21,15 @@ from wordcraft_kg.base import (
     whole,
 )
 from wordcraft_kg.base.statistics import bootstrap, cluster_interval
-from wordcraft_kg.graphs import RELATIONS, Ids, OpenedGraph, RecipeGraph, TrainedOn, TrainSample
+from wordcraft_kg.graphs import (
+    RELATIONS,
+    Ids,
+    OpenedGraph,
+    PlayedGraph,
+    RecipeGraph,
+    TrainedOn,
+    TrainSample,
+)
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, VoteScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer
@@ -221,9 +228,7 @@ class LinkComparison(Record, omit_defaults=True):
     """Models compared on the same queries; differences are to the first model.
 
     Attributes:
-        graph: name of the graph.
-        hash: content hash of the graph.
-        split: content hash of the split.
+        graph: the graph and its split.
         unit: recipes, goals, slots or kinds: the split holds these out together, and intervals
             resample them.
         triples: number of ranked unseen triples, that is, test triples outside the training data.
@@ -240,9 +245,7 @@ class LinkComparison(Record, omit_defaults=True):
         out: the written page; None without a page.
     """
 
-    graph: str
-    hash: Hash
-    split: Hash
+    graph: PlayedGraph
     unit: str
     triples: Count
     queries: Count
@@ -336,9 +339,7 @@ def compare(contenders: Sequence[Contender]) -> LinkComparison:
         if low <= 0:
             not_significant.append(candidate[0])
     return LinkComparison(
-        graph=shared.graph.name,
-        hash=shared.graph.hash,
-        split=shared.opened.split.hash,
+        graph=PlayedGraph.of(shared.opened),
         unit=shared.opened.split.unit,
         triples=len(shared.queries),
         queries=len(clusters),

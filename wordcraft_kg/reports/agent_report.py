@@ -242,9 +242,9 @@ def _success(view: AgentsView) -> charts.Chart:
     if first:
         # The first agent's success is the line that all others are compared with.
         reference = first.mean
-    for player in view.baselines:
-        success_of_player = player.success[headline]
-        rows.append((player.name, (success_of_player, None, None)))
+    for baseline in view.baselines:
+        if baseline.distractors == view.headline:
+            rows.append((baseline.player, (baseline.success, None, None)))
     return charts.intervals(
         rows,
         f"success on {view.part} tasks, with 95 % intervals",

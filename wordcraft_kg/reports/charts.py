@@ -294,8 +294,6 @@ Estimate = tuple[float, float | None, float | None]
 """A value with the lower and the upper bound of its interval; None for both without an interval."""
 ReliabilityPoint = tuple[float, float, float, float, int]
 """Probability, observed share, lower and upper bound of the share, and number of triples."""
-_DASHES = ("-", "--", ":")
-"""Patterns of lines by series; with eight colours, 24 series look different."""
 _MARKERS = "os^D"
 """Shapes of markers by series."""
 _MARKER_SIZE = 7
@@ -320,20 +318,13 @@ class ChartCurve:
         label: name in the legend; empty for one of several curves of which another has the label.
         points: its points, from left to right.
         number: number of its colour, so that the same thing has the same colour in several charts.
-        is_dashed: whether its line is dashed; None gives each colour a pattern of its own.
+        is_dashed: whether its line is dashed.
     """
 
     label: str
     points: Sequence[CurvePoint]
     number: int
-    is_dashed: bool | None = None
-
-    @property
-    def dashes(self) -> str:
-        """The pattern of the line."""
-        if self.is_dashed is None:
-            return _DASHES[self.number % len(_DASHES)]
-        return "--" if self.is_dashed else "-"
+    is_dashed: bool = False
 
 
 def curves(
@@ -368,7 +359,8 @@ def curves(
             xs, ys, lows, highs = np.array(curve.points, dtype=float).reshape(-1, 4).T
             colour = _colour(curve.number)
             axes.fill_between(xs, lows, highs, facecolor=colour, alpha=0.16, edgecolor="none")
-            (line,) = axes.plot(xs, ys, color=colour, linestyle=curve.dashes, linewidth=width)
+            dashes = "--" if curve.is_dashed else "-"
+            (line,) = axes.plot(xs, ys, color=colour, linestyle=dashes, linewidth=width)
             if len(curve.points) == 1:
                 x, y, low, high = curve.points[0]
                 _draw_estimate(axes, (x, None, None), (y, low, high), curve.number, "o")

@@ -26,7 +26,7 @@ from wordcraft_kg.base import (
     write_atomically,
 )
 from wordcraft_kg.models.policies.sources import ALPHA, BUILT_IN, Label, label_of, with_letters
-from wordcraft_kg.reports.charts import COLOURS, DARK, LIGHT, Chart
+from wordcraft_kg.reports.charts import DARK, LIGHT, Chart
 from wordcraft_kg.runs.record import RUN_FILE
 from wordcraft_kg.runs.run_folder import locked
 
@@ -151,7 +151,7 @@ def make_environment(*packages: str) -> jinja2.Environment:
         # A misspelt name in a template is an error, and not an empty place on the page.
         undefined=jinja2.StrictUndefined,
     )
-    environment.globals["palette"] = {"LIGHT": LIGHT, "DARK": DARK, "COLOURS": COLOURS}
+    environment.globals["palette"] = {"LIGHT": LIGHT, "DARK": DARK}
     environment.filters["thousands"] = lambda number: f"{number:,}"
     return environment
 

@@ -200,9 +200,7 @@ def test_agents_of_another_split_or_depth_cannot_be_compared(agents):
     ],
 )
 def test_the_headline_has_the_wider_interval_as_seeds_may_be_alike(of_seeds, of_tasks, widest):
-    success = AgentSuccess(
-        mean=0.5, seed_ci=of_seeds, task_ci=of_tasks, seeds=(0.5,), by_plan=0.5, actions=2.0
-    )
+    success = AgentSuccess(mean=0.5, seed_ci=of_seeds, task_ci=of_tasks, seeds=(0.5,), by_plan=0.5)
     assert success.widest_ci == widest
 
 

@@ -162,14 +162,13 @@ def _evaluate_sets(
         shares = {f"{name} ({top.goals:,})": _shares(top) for name, top in method.columns.items()}
         rows.append({"right set in the first 1, 3, 5, 10": method.name, **shares})
     calibration = f"calibration error {view.calibration_error:.3f} of the first five sets"
-    unanswered = f"; no set for {view.unanswered:,} goals" if view.unanswered else ""
     num_goals = view.methods[0].columns["all"].goals
     few = [
         f"{method.name}: answers for {method.answered:,} of {num_goals:,} goals"
-        for method in view.methods[1:]
-        if method.answered is not None and method.answered < num_goals
+        for method in view.methods
+        if method.answered < num_goals
     ]
-    lines = [*text_table(rows), *few, calibration + unanswered, f"wrote {folder}/"]
+    lines = [*text_table(rows), *few, calibration, f"wrote {folder}/"]
     if view.has_rule:
         lines.append(f"the model's sets are those that {rule} allows")
     if view.trained_on == "full":
@@ -487,7 +486,7 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
         check_new_table,
         open_suggesting,
         suggest as suggest_for,
-        write_suggestions,
+        table_lines,
     )
     from wordcraft_kg.models.recipes.recipe_records import SetMetrics
 
@@ -527,7 +526,8 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
     if isinstance(metrics, SetMetrics) and not any(metrics.fold_top):
         lines.append("In training no unseen goal got a right set: these suggestions are guesses.")
     if out is not None:
-        write_suggestions(view.suggestions, out)
+        delimiter = "," if out.suffix.lower() == ".csv" else "\t"
+        write_file(out, table_lines(view.suggestions, delimiter), force=False)
         count = counted(len(view.suggestions), "suggestion")
         lines.append(f"wrote {out}: {count}; put x into the column accept, then --accept {out}")
     output.result(view, lines)
@@ -604,5 +604,5 @@ def _suggestion_rows(suggestions: "Sequence[Suggestion]") -> Iterator[str]:
     for line, suggestion in zip(lines, suggestions, strict=True):
         yield line
         if suggestion.because:
-            supports = (f"{near} ({near.strength:.2g})" for near in suggestion.because)
+            supports = (f"{recipe} ({strength:.2g})" for recipe, strength in suggestion.because)
             yield f"{'':11}  because {', '.join(supports)}"

@@ -116,7 +116,6 @@ class AgentSuccess(Record):
         task_ci: interval over tasks, by bootstrap of the groups that the split holds out together.
         seeds: success rate of each run.
         by_plan: share of episodes that make the goal by one of the task's plans.
-        actions: mean number of chosen slots in an episode.
         difference: success rate minus that of the first agent on the same tasks; None for the first
             agent.
         difference_ci: interval for `difference`, by resampling groups of tasks in pairs; None for
@@ -130,7 +129,6 @@ class AgentSuccess(Record):
     task_ci: Interval
     seeds: Annotated[tuple[Share, ...], msgspec.Meta(min_length=1)]
     by_plan: Share
-    actions: Annotated[float, msgspec.Meta(ge=0)]
     difference: Annotated[float, msgspec.Meta(ge=-1, le=1)] | None = None
     difference_ci: Interval | None = None
     against_scorer: AgainstScorer | None = None
@@ -219,7 +217,6 @@ def success_of(
         task_ci=task_bootstrap(_successes(results), results[0].groups),
         seeds=tuple(means),
         by_plan=float(np.mean([result.by_plan.mean() for result in results])),
-        actions=float(np.mean([result.actions.mean() for result in results])),
         against_scorer=against_scorer,
     )
     if reference is None:
@@ -232,11 +229,8 @@ def success_of(
 
 def outcomes_of(results: Sequence[Evaluation]) -> dict[TerminationReason, Share]:
     """Return the episode share for each termination reason, averaged over runs."""
-    shares_by_run = [result.shares() for result in results]
-    shares: dict[TerminationReason, Share] = {}
-    for termination in TERMINATION_REASONS:
-        shares[termination] = float(np.mean([run[termination] for run in shares_by_run]))
-    return shares
+    shares = pd.DataFrame([result.shares() for result in results])
+    return {reason: float(shares[reason].to_numpy().mean()) for reason in TERMINATION_REASONS}
 
 
 def slices_of(

@@ -68,9 +68,6 @@ from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 
 _RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
 """Task settings that must be equal in all compared agents."""
-# Enumerated tasks are equal for all agents, sampled ones only if they are sampled in the same way.
-_DRAWN_BY = ("task_weighting",)
-"""Further settings if tasks are sampled instead of enumerated."""
 # The fewest and the most distractors of the paper.
 DISTRACTORS = (1, 8)
 
@@ -82,7 +79,6 @@ class AgentEntry(Record):
         name: the agent's name: that of the runs without the seed, or of the first run.
         runs: names of the run folders.
         seeds: training seed of each run.
-        checkpoints: checkpoint of each run that was evaluated, such as the last one.
         settings: training settings that differ from the defaults, without graph and seed.
         kg: training graph of the agent's scorer (full or partial); None for an agent without a
             scorer.
@@ -91,8 +87,6 @@ class AgentEntry(Record):
         trained_with: number of distractors in training.
         steps: environment steps of each run's training.
         seconds: duration of each run's training in seconds; None if a run has no metrics.
-        steps_per_second: environment steps per second of each training; None if a run is
-            unfinished.
         success: success rate by distractor count.
         outcomes: share of episodes by termination reason, by distractor count.
         sources: what each source adds, with the report's `headline` count; empty without a scorer,
@@ -108,14 +102,12 @@ class AgentEntry(Record):
     name: str
     runs: tuple[str, ...]
     seeds: tuple[int, ...]
-    checkpoints: tuple[str, ...]
     settings: dict[str, str]
     kg: TrainedOn | None
     cross_fitted: Count
     trained_with: Count
     steps: tuple[int, ...]
     seconds: tuple[float | None, ...]
-    steps_per_second: tuple[float | None, ...]
     success: dict[str, AgentSuccess]
     outcomes: dict[str, dict[TerminationReason, Share]]
     sources: dict[str, SourceGain]
@@ -400,12 +392,12 @@ def _words_beside(agent: OpenedAgent) -> dict[str, players.Player]:
 def _conditions(
     agents: Sequence[OpenedAgent], part: TaskPart, distractors: Sequence[int] | None
 ) -> tuple[World, list[int]]:
-    _check_alike(agents, _RULES)
     first = agents[0]
     headline = first.config.tasks.distractors
     world = World(first.opened, first.config.tasks.environment(part, headline))
-    if not world.tasks.is_complete:
-        _check_alike(agents, _DRAWN_BY)
+    # Enumerated tasks are equal for all agents, sampled ones only if sampled in the same way.
+    rules = _RULES if world.tasks.is_complete else (*_RULES, "task_weighting")
+    _check_alike(agents, rules)
     if distractors is None:
         # A small graph may have too few entities for eight distractors.
         usual = (amount for amount in DISTRACTORS if amount <= world.max_distractors)
@@ -478,7 +470,6 @@ def _entry(
         name=name,
         runs=tuple(agent.name for agent in members),
         seeds=tuple(agent.config.trainer.seed for agent in members),
-        checkpoints=tuple(agent.checkpoint for agent in members),
         settings={
             key: shown_setting(key, value)
             for key, value in config.differing().items()
@@ -489,9 +480,6 @@ def _entry(
         trained_with=config.tasks.distractors,
         steps=tuple(agent.metrics[-1].step if agent.metrics else 0 for agent in members),
         seconds=tuple(agent.metrics[-1].seconds if agent.metrics else None for agent in members),
-        steps_per_second=tuple(
-            agent.evaluation.steps_per_second if agent.evaluation else None for agent in members
-        ),
         success={
             str(amount): success_of(runs, reference.get(amount), against_scorer.get(amount))
             for amount, runs in results.items()

@@ -55,13 +55,13 @@ class RankedMethod(Record):
         columns: all goals, goals whose parts no train goal has together, goals of which no right
             set is that of a train recipe.
         lead: the model's share minus the method's, with its paired interval, by k; all goals.
-        answered: number of goals for which the method names a set; None in older records.
+        answered: number of goals for which the method names a set.
     """
 
     name: str
     columns: dict[str, TopShares]
     lead: dict[int, tuple[float, float, float]]
-    answered: Count | None = None
+    answered: Count
 
 
 class RankedSets(Record):
@@ -74,7 +74,6 @@ class RankedSets(Record):
         methods: the model first.
         calibration_error: mean distance between probabilities and shares of right sets, in ten
             bins of the model's first five suggestions.
-        unanswered: test goals without a suggestion of the model.
         trained_on: training graph of the model; full if all goals were seen in training, so that
             the shares are memory, not prediction.
         has_rule: whether a rule of the user's chose among the model's sets.
@@ -85,7 +84,6 @@ class RankedSets(Record):
     split: str
     methods: tuple[RankedMethod, ...]
     calibration_error: Share
-    unanswered: Count
     trained_on: TrainedOn = "partial"
     has_rule: bool = False
 
@@ -199,7 +197,6 @@ def rank_sets(
         split=model.opened.split.hash,
         methods=tuple(rows),
         calibration_error=_calibration_error(np.array(chances), np.array(is_right)),
-        unanswered=sum(not sets for sets in predictions.values()),
         trained_on=model.kg,
         has_rule=rule is not None,
     )

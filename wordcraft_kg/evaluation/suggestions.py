@@ -4,8 +4,8 @@
 of a list of entities. :mod:`~wordcraft_kg.evaluation.likely_recipes` finds recipes of pairs; models
 of sets rank the sets of each goal.
 
-:func:`write_suggestions` writes them as a table that a person ticks, :func:`write_accepted` a book
-with the ticked recipes. The table is a recipe file, so every command that takes a book reads it
+:func:`table_lines` writes them as a table that a person ticks, :func:`write_accepted` a book with
+the ticked recipes. The table is a recipe file, so every command that takes a book reads it
 without options.
 """
 
@@ -29,8 +29,6 @@ from wordcraft_kg.base import (
     Share,
     check_output_file,
     nearest,
-    output_target,
-    write_atomically,
 )
 from wordcraft_kg.evaluation.likely_recipes import LikelyRecipes, RecipeFinder
 from wordcraft_kg.evaluation.scores import OPEN, Known, pieces_of_recipe
@@ -75,23 +73,6 @@ _SETS = 20
 """Sets of each of these goals that are looked at."""
 
 
-class SetSupport(Record):
-    """A train recipe that supports a suggestion.
-
-    Attributes:
-        ingredients: labels of the ingredients.
-        result: label of the result.
-        strength: relative to the strongest, which has 1.
-    """
-
-    ingredients: tuple[str, ...]
-    result: str
-    strength: Share
-
-    def __str__(self) -> str:
-        return f"{' + '.join(self.ingredients)} -> {self.result}"
-
-
 class Suggestion(Record):
     """A recipe.
 
@@ -102,7 +83,8 @@ class Suggestion(Record):
             has exactly these ingredients. Calibrated on train recipes that the model had not seen;
             1 for a known recipe.
         known: split part with the recipe, or ``new``.
-        because: train recipes of similar goals, or with similar ingredients.
+        because: train recipes of similar goals, or with similar ingredients, each with its strength
+            relative to the strongest, which has 1.
         steps: attempts in a row until the result is there, from a list of entities; None elsewhere.
     """
 
@@ -110,7 +92,7 @@ class Suggestion(Record):
     result: str
     probability: Share
     known: Known
-    because: tuple[SetSupport, ...]
+    because: tuple[tuple[Recipe, Share], ...]
     steps: Count | None = None
 
 
@@ -165,7 +147,6 @@ class Suggestions(Record):
 
     Attributes:
         wish: the wanted recipes.
-        parts: shares of the goal's parts; empty without parts.
         new: entities of the wish that the graph lacks, known by their parts and words.
         suggestions: recipes, best first.
         trained_on: training graph of the model.
@@ -176,7 +157,6 @@ class Suggestions(Record):
     """
 
     wish: Wish
-    parts: dict[str, float]
     new: tuple[str, ...]
     suggestions: tuple[Suggestion, ...]
     trained_on: TrainedOn
@@ -294,7 +274,7 @@ def suggest_sets(
         _suggestion(split, scorer, ranked_set.ingredients, goal, ranked_set.score)
         for ranked_set in sets[:top]
     ]
-    return Suggestions(Wish(goal=goal), _parts(scorer, goal), new, tuple(suggestions), model.kg)
+    return Suggestions(Wish(goal=goal), new, tuple(suggestions), model.kg)
 
 
 def score_set(model: Model, ingredients: Sequence[str], goal: str) -> Suggestions:
@@ -314,7 +294,7 @@ def score_set(model: Model, ingredients: Sequence[str], goal: str) -> Suggestion
     row[0, : len(ids)] = ids
     score = float(scorer.score_sets(row, scorer.entity_ids([goal]).numpy())[0])
     suggestion = _suggestion(model.opened.split, scorer, tuple(sorted(ids)), goal, score)
-    return Suggestions(Wish(goal=goal), _parts(scorer, goal), new, (suggestion,), model.kg)
+    return Suggestions(Wish(goal=goal), new, (suggestion,), model.kg)
 
 
 def _scorer_of(model: Model, labels: Sequence[str]) -> tuple[SetScorer, tuple[str, ...]]:
@@ -333,22 +313,14 @@ def _scorer_of(model: Model, labels: Sequence[str]) -> tuple[SetScorer, tuple[st
     return scorer, new
 
 
-def _parts(scorer: SetScorer, goal: str) -> dict[str, float]:
-    return scorer.parts_of(goal) if scorer.knowledge.has_parts else {}
-
-
 def _suggestion(
     split: Split, scorer: SetScorer, ids: tuple[int, ...], goal: str, score: float
 ) -> Suggestion:
     entities = scorer.entities
-    support = [
-        SetSupport(
-            tuple(entities[entity] for entity in near.ingredients),
-            entities[near.result],
-            near.strength,
-        )
-        for near in scorer.near_recipes(goal, ids, _SUPPORT)
-    ]
+    support = []
+    for near in scorer.near_recipes(goal, ids, _SUPPORT):
+        recipe = Recipe([entities[entity] for entity in near.ingredients], entities[near.result])
+        support.append((recipe, near.strength))
     labels = tuple(entities[entity] for entity in ids)
     split_part = _known(split, labels, goal)
     return Suggestion(labels, goal, float(np.exp(score)), split_part, tuple(support))
@@ -427,7 +399,6 @@ def suggest(
     known_steps = [] if steps is None else list(_made(model.opened.split, steps))
     return Suggestions(
         wish,
-        {},
         (),
         tuple(listed),
         model.kg,
@@ -495,7 +466,7 @@ def _suggested_pair(
 ) -> Suggestion:
     first, second, result = (scorer.entities[entity] for entity in row.tolist())
     support = [
-        SetSupport(witness.recipe.ingredients, witness.result, witness.strength)
+        (witness.recipe, witness.strength)
         for witness in scorer.supporting_recipes(first, second, result, limit=_SUPPORT)
     ]
     step = _step(steps, row[:2].tolist())
@@ -603,22 +574,6 @@ def _check_new(out: Path) -> None:
         raise OutputExistsError(f"'{out}' exists, and is not replaced. Choose another `out`.")
 
 
-def write_suggestions(suggestions: Sequence[Suggestion], out: Path) -> None:
-    """Write suggestions as a table with an empty column for ticks.
-
-    Args:
-        suggestions: recipes, in the order of the rows.
-        out: a .csv or .tsv file.
-
-    Raises:
-        RecipeFileError: if the ending is another.
-        OutputExistsError: if the file exists.
-    """
-    check_new_table(out)
-    delimiter = "," if out.suffix.lower() == ".csv" else "\t"
-    write_atomically(output_target(out), table_lines(suggestions, delimiter))
-
-
 def table_lines(suggestions: Sequence[Suggestion], delimiter: str = ",") -> Iterator[str]:
     """Yield the lines of a table of suggestions: a header, and a line for each.
 
@@ -631,7 +586,7 @@ def table_lines(suggestions: Sequence[Suggestion], delimiter: str = ",") -> Iter
     for suggestion in suggestions:
         empty = [""] * (width - len(suggestion.ingredients))
         probability = f"{suggestion.probability:.3f}"
-        nearest_recipe = str(suggestion.because[0]) if suggestion.because else ""
+        nearest_recipe = str(suggestion.because[0][0]) if suggestion.because else ""
         further_cells = (probability, nearest_recipe, "")
         cells = (*suggestion.ingredients, *empty, suggestion.result, *further_cells)
         yield csv_line(cells, delimiter)

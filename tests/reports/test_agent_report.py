@@ -76,7 +76,7 @@ def world(agents):
 
 def test_the_table_and_the_text_begin_with_the_best_agent(agents):
     groups = group_agents(agents)
-    view = view_agents(dict(reversed(groups.items())), distractor_seeds=1, episodes=0)
+    view = view_agents(dict(reversed(groups.items())), distractor_seeds=1)
     best, other = by_success(view, view.headline)
     amount = str(view.headline)
     assert best.success[amount].mean >= other.success[amount].mean
@@ -170,7 +170,7 @@ def test_it_follows_its_schema_and_is_the_same_each_time(agents, report):
 
 def test_the_page_is_whole_needs_no_network_and_escapes_names(agents):
     odd = replace(agents[0], name="<b>odd & name</b>")
-    page = render(report_of({odd.name: [odd]}, distractor_seeds=1, episodes=1))
+    page = render(report_of({odd.name: [odd]}, distractor_seeds=1))
     assert (Page(page).faults, Page(page).open) == ([], [])
     assert len(re.findall("<script", page)) == 1
     assert "://" not in page.replace("http://www.w3.org", "")

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
-from msgspec.structs import replace
 
 from wordcraft_kg.base import ConfigError, check_output
 from wordcraft_kg.cli.console import (
@@ -186,7 +185,6 @@ def _compare_links(
         from wordcraft_kg.reports.link_report import comparison_page
 
         write_file(out, comparison_page(view), force=force)
-        view = replace(view, out=str(out))
     rows = [
         {
             "model": model.name,

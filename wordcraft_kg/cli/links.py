@@ -14,6 +14,8 @@ from wordcraft_kg.base import (
     check_output,
     counted,
     dump_json,
+    listed,
+    nearest,
     staged_folder,
     whole,
     write_atomically,
@@ -198,9 +200,6 @@ def _rows_of_evaluation(view: "LinkView") -> list[dict[str, Any]]:
             tables.append((name, "no near-synonym", distant))
         by_book = view.drill_down.get("other_book", {})
         tables += [(name, goals, metrics) for goals, metrics in by_book.items()]
-        if view.leaked_left_out and view.model.kg != "none":
-            # Training contains them, so the metrics are inflated by memory.
-            tables.append((name, "with leaked (seen)", view.with_leaked))
     return [
         {
             "model": model,
@@ -268,8 +267,6 @@ def score(
     """
     from wordcraft_kg.evaluation.scores import (
         Scores,
-        new_words,
-        note_of_words,
         parse_query,
         read_queries,
         scoring_of,
@@ -294,7 +291,7 @@ def score(
     else:
         query_list = read_queries(queries, entities)
     outside = OutsideEvidenceFinder.open(model, loaded.opened)
-    loaded = with_new_words(loaded, model, query_list)
+    loaded = with_new_words(loaded, model, query_list, queries)
     check_file(out, force=force)
     scoring = scoring_of(loaded, query_list[0], outside)
     answers = tuple(
@@ -302,12 +299,17 @@ def score(
     )
     # Scores that go into a file are not printed as well; what qualifies them always is.
     lines = [] if out else list(_lines(answers, len(loaded.scorer.entities)))
-    lines += [*note_of_words(loaded), *_notes(loaded.kg, answers)]
+    graph_entities = loaded.opened.graph.entities
+    new_words = tuple(loaded.scorer.entities[len(graph_entities) :])
+    if new_words:
+        # A single new entity may be a misspelling that has a vector, too.
+        hint = nearest(new_words[0], graph_entities) if len(new_words) == 1 else ""
+        words = listed([f"'{label}'" for label in new_words], most=5)
+        lines.append(f"not in the graph, scored by words alone: {words}.{hint}")
+    lines += _notes(loaded.kg, answers)
     printed_answers = answers if out is None else ()
     file = None if out is None else str(out)
-    view = Scores(
-        len(query_list), len(answers), loaded.kg, new_words(loaded), printed_answers, file
-    )
+    view = Scores(len(query_list), len(answers), loaded.kg, new_words, printed_answers, file)
     if out is not None:
         write_file(out, _table(query_list[0].columns, answers, out), force=force)
         lines.append(f"wrote {out}: {len(answers):,} scores for {len(query_list):,} queries")

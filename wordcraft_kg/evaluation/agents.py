@@ -122,7 +122,7 @@ class Explanation(Record):
     """Episodes of a trained agent, with all scores and logits for each action.
 
     Attributes:
-        run: folder of the run; in a report on agents its name, the agent's first.
+        run: folder of the run.
         checkpoint: checkpoint of the agent's weights.
         part: split part with the tasks.
         episodes: the explained episodes.
@@ -151,8 +151,6 @@ class AgentsView(Record):
         sampled_from: number of tasks that the played ones are a sample of; None if all were played.
         agents: the agents; the first is the reference of all differences.
         baselines: scripted players, and the agents' scorers alone, with each distractor count.
-        episodes: example episodes of each agent.
-
     """
 
     format: Literal["wordcraft-kg agent report 1"]
@@ -167,7 +165,6 @@ class AgentsView(Record):
     sampled_from: Count | None
     agents: Annotated[tuple[AgentEntry, ...], msgspec.Meta(min_length=1)]
     baselines: tuple[PlayerSuccess, ...]
-    episodes: tuple[Explanation, ...]
 
 
 def by_success(view: AgentsView, amount: int) -> list[AgentEntry]:
@@ -235,7 +232,6 @@ def view_agents(
     part: TaskPart = "test",
     distractors: Sequence[int] | None = None,
     distractor_seeds: int | None = None,
-    episodes: int = 2,
 ) -> AgentsView:
     """Evaluate agents greedily on all tasks of a split part, with the same tables for all agents.
 
@@ -246,7 +242,6 @@ def view_agents(
         distractors: distractor counts; None for 1, 8 and the numbers in the agents' training.
         distractor_seeds: tables per task; None as for
             :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
-        episodes: number of example episodes for each agent.
 
     Returns:
         All numbers of the report.
@@ -299,15 +294,6 @@ def view_agents(
             for name, members in groups.items()
         ),
         baselines=tuple(_baselines(groups, evaluators, scorer_results)),
-        episodes=tuple(
-            Explanation(
-                members[0].name,
-                members[0].checkpoint,
-                part,
-                _episodes(members[0], world, episodes),
-            )
-            for members in groups.values()
-        ),
     )
 
 
@@ -492,13 +478,6 @@ def _entry(
         training=training_metrics(members),
         provenance={agent.name: agent.provenance for agent in members},
     )
-
-
-def _episodes(agent: OpenedAgent, world: World, episodes: int) -> tuple[ExplainedEpisode, ...]:
-    if agent.config.policy.policy == "mlp":
-        # The headline count may be another than that of training.
-        world = world.variant(num_distractors=agent.config.tasks.distractors)
-    return explain_episodes(agent.policy, world, episodes=episodes, outside=agent.outside)
 
 
 @dataclass(frozen=True)

@@ -39,9 +39,6 @@ from wordcraft_kg.models.scorers.ranking import (
     RankingMetrics,
     random_metrics,
     random_reciprocal_ranks,
-    rank_triples,
-    ranking_metrics,
-    sampled,
     slice_masks,
     with_interval,
 )
@@ -358,7 +355,6 @@ class LinkView(Record):
         folds: MRR of a cross-fitted model on train triples, with and without them in training; None
             for other models.
         probabilities: calibration of a cross-fitted model; empty for other models.
-        with_leaked: metrics with the leaked triples included.
         baselines: metrics of each baseline.
         comparisons: differences between the model and each baseline, the best baseline first.
         drill_down: metrics for groups of queries by kind of group, see :func:`drill_down_of`.
@@ -380,7 +376,6 @@ class LinkView(Record):
     metrics: Slices
     folds: FoldsRecord | None
     probabilities: tuple[Reliability, ...]
-    with_leaked: RankingMetrics
     baselines: dict[str, Slices]
     comparisons: Annotated[tuple[BaselineComparison, ...], msgspec.Meta(min_length=1)]
     drill_down: dict[str, Slices]
@@ -446,7 +441,6 @@ def view_links(
         metrics=_by_slice(ranks, measure),
         folds=folds,
         probabilities=tuple(reliability_of(links)),
-        with_leaked=_with_leaked(links),
         baselines=baselines,
         comparisons=tuple(comparisons_of(links)),
         drill_down=drill_down_of(links),
@@ -489,19 +483,3 @@ def _by_slice(
     ranks: pd.DataFrame, measure: Callable[[pd.DataFrame, NDArray[np.bool_]], RankingMetrics]
 ) -> Slices:
     return {name: measure(ranks[mask], mask) for name, mask in slice_masks(ranks).items()}
-
-
-def _with_leaked(links: RankedLinks) -> RankingMetrics:
-    # Nothing is left out for a model of the full graph.
-    if links.is_full:
-        return ranking_metrics(links.ranks)
-    split = links.opened.split
-    size = links.graph.num_entities
-    everything = split.triples_of("test")
-    leaked = everything[~is_in(everything, split.held_out("test"), size)]
-    # Sampling leaked and unseen triples in equal shares makes a uniform sample.
-    leaked = sampled(leaked, round(len(leaked) * len(links.queries) / links.population))
-    ranks = rank_triples(links.scorer, leaked, links.graph.triples)
-    if not len(ranks):
-        return ranking_metrics(links.ranks)
-    return ranking_metrics(pd.concat([links.ranks, ranks], ignore_index=True))

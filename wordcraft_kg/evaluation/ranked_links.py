@@ -242,7 +242,6 @@ class LinkComparison(Record, omit_defaults=True):
             without such models.
         not_significant: models without a significant difference from `best` at 5 %: the interval
             of the difference contains 0.
-        out: the written page; None without a page.
     """
 
     graph: PlayedGraph
@@ -254,7 +253,6 @@ class LinkComparison(Record, omit_defaults=True):
     sampled_from: Count | None = None
     best: str | None = None
     not_significant: tuple[str, ...] = ()
-    out: str | None = None
 
 
 def by_mrr(view: LinkComparison) -> list[ComparedModel]:

@@ -273,8 +273,6 @@ KNOWN: tuple[Known, ...] = ("train", "valid", "test", "new")
 """Names of the parts by their numbers; -1 is ``new``."""
 # Supporting recipes are sorted by share; more would push the results off the screen.
 _SUPPORT = 3
-# A file of queries may name thousands of new entities; a few show what happened.
-_LISTED = 5
 
 
 class ScoredAnswer(Record, omit_defaults=True):
@@ -667,19 +665,23 @@ def scoring_of(model: Model, query: Query, outside: OutsideEvidenceFinder | None
     return kind(model, outside)
 
 
-def with_new_words(model: Model, folder: Path, queries: Sequence[Query]) -> Model:
+def with_new_words(
+    model: Model, folder: Path, queries: Sequence[Query], file: Path | None = None
+) -> Model:
     """Extend a model by the queries' entities that its graph lacks, described by their words alone.
 
     Args:
         model: the model.
         folder: the model folder.
         queries: the queries.
+        file: the file of the queries; None for arguments.
 
     Returns:
         The extended model, or ``model`` itself if the graph has all entities.
 
     Raises:
-        UnknownEntityError: if no word of an entity has a vector, or the model uses no words.
+        UnknownEntityError: if no word of an entity has a vector, or the model uses no words; the
+            error names the line of a file.
         ArtefactError: if the folder is damaged, or the word vectors have changed.
     """
     entities = frozenset(model.scorer.entities)
@@ -687,24 +689,15 @@ def with_new_words(model: Model, folder: Path, queries: Sequence[Query]) -> Mode
     new = tuple(dict.fromkeys(label for label in labels if label not in entities))
     if not new:
         return model
-    return replace(model, scorer=with_words(folder, model.scorer, new))
-
-
-def new_words(model: Model) -> tuple[str, ...]:
-    """Return the entities of a model's scorer that its graph lacks, its last ones."""
-    return tuple(model.scorer.entities[model.opened.graph.num_entities :])
-
-
-def note_of_words(model: Model) -> list[str]:
-    """Return a note on new entities in queries, scored by their words; empty without any."""
-    words = new_words(model)
-    if not words:
-        return []
-    # A single new entity may be a misspelling that has a vector, too: the nearest label helps then.
-    hint = nearest(words[0], model.opened.graph.entities) if len(words) == 1 else ""
-    listed = ", ".join(f"'{label}'" for label in words[:_LISTED])
-    ending = f" and {len(words) - _LISTED:,} more" if len(words) > _LISTED else ""
-    return [f"not in the graph, scored by words alone: {listed}{ending}.{hint}"]
+    try:
+        scorer = with_words(folder, model.scorer, new)
+    except UnknownEntityError as error:
+        for query in queries:
+            is_meant = any(str(error).startswith(f"no entity '{name}'.") for name in query.labels)
+            if is_meant and file is not None:
+                raise UnknownEntityError(f"{file}, line {query.line}: {error}") from None
+        raise
+    return replace(model, scorer=scorer)
 
 
 def main_support(witnesses: Sequence[Witness]) -> Sequence[Witness]:

@@ -138,7 +138,6 @@ def make_agent_report(view: AgentsView) -> Report[AgentsView]:
             "slice_titles": {key: title for key, (title, _) in _SLICES.items()},
             "ranked": by_success(view, view.headline),
             "sources": source_names(),
-            "actions": ACTIONS,
         },
         files={
             "figure.svg": charts.as_file([("", success)], "Success"),

@@ -26,28 +26,19 @@ def make_link_report(view: LinkView, ranks: "pd.DataFrame | None" = None) -> Rep
     Returns:
         The report, for :func:`~wordcraft_kg.reports.pages.write_report`.
     """
-    files = {}
-    if ranks is not None:
-        files["ranks.csv"] = ranks.to_csv(index=False, lineterminator="\n", float_format="%.6g")
-    return Report(
-        view,
-        "link_report.html.j2",
-        {
-            **_pictures_of_ranks(view),
-            **_pictures_of_probabilities(view),
-        },
-        shown={
-            "relations": RELATIONS,
-            "few": FEW_TEST_RECIPES,
-            "near_synonym": NEAR_SYNONYM,
-        },
-        files=files,
-    )
-
-
-def _pictures_of_probabilities(view: LinkView) -> dict[str, charts.Chart]:
-    if not view.probabilities:
-        return {}
+    rows = [_interval_row(view.model.name, view.metrics["all"])]
+    # The order of the comparisons: the best baseline stands next to the model.
+    for comparison in view.comparisons:
+        name = GLOSSARY[comparison.baseline].name
+        rows.append(_interval_row(name, view.baselines[comparison.baseline]["all"]))
+    pictures = {
+        "baselines": charts.intervals(
+            rows,
+            "filtered MRR, with 95 % intervals",
+            "Filtered MRR of the model and of each baseline",
+            reference=view.metrics["all"].mrr,
+        )
+    }
     series = {}
     for row in view.probabilities:
         # With a reason, all triples have one probability, which is a point and no curve.
@@ -57,24 +48,23 @@ def _pictures_of_probabilities(view: LinkView) -> dict[str, charts.Chart]:
         series[f"{row.relation}{kind}"] = [
             (at.probability, at.observed, at.low, at.high, at.triples) for at in row.bins
         ]
-    about = "Share of true triples against their probability"
-    return {"probabilities": charts.log_reliability(series, about)}
-
-
-def _pictures_of_ranks(view: LinkView) -> dict[str, charts.Chart]:
-    rows = [_interval_row(view.model.name, view.metrics["all"])]
-    # The order of the comparisons: the best baseline stands next to the model.
-    for row in view.comparisons:
-        name = GLOSSARY[row.baseline].name
-        rows.append(_interval_row(name, view.baselines[row.baseline]["all"]))
-    return {
-        "baselines": charts.intervals(
-            rows,
-            "filtered MRR, with 95 % intervals",
-            "Filtered MRR of the model and of each baseline",
-            reference=view.metrics["all"].mrr,
-        )
-    }
+    if view.probabilities:
+        about = "Share of true triples against their probability"
+        pictures["probabilities"] = charts.log_reliability(series, about)
+    files = {}
+    if ranks is not None:
+        files["ranks.csv"] = ranks.to_csv(index=False, lineterminator="\n", float_format="%.6g")
+    return Report(
+        view,
+        "link_report.html.j2",
+        pictures,
+        shown={
+            "relations": RELATIONS,
+            "few": FEW_TEST_RECIPES,
+            "near_synonym": NEAR_SYNONYM,
+        },
+        files=files,
+    )
 
 
 def _interval_row(name: str, metrics: RankingMetrics) -> tuple[str, charts.Estimate]:

@@ -7,6 +7,7 @@ also of unfinished runs: success, statistics and mixing weights λ.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from itertools import compress
 from typing import Annotated, Literal, get_args
 
 import msgspec
@@ -445,11 +446,9 @@ def training_metrics(members: Sequence[AgentRun]) -> dict[TrainingMetric, tuple[
             lengths = np.diff([0, *(row.step for row in agent.metrics)])
             # A run that has just begun has no lines, and no median.
             is_long = lengths * 2 >= np.median(lengths) if len(lengths) else lengths
-            points = []
-            for row, long in zip(agent.metrics, is_long, strict=True):
-                is_mean = figure != "test_success"
-                if figure in row.figures and (long or not is_mean):
-                    points.append((row.step, row.figures[figure]))
+            is_mean = figure != "test_success"
+            rows = list(compress(agent.metrics, is_long)) if is_mean else agent.metrics
+            points = [(row.step, row.figures[figure]) for row in rows if figure in row.figures]
             # Every n-th point counted from the end, because the last point matters most.
             every = max(1, len(points) // _CURVE_POINTS)
             thinned = points[::-every][::-1]

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.base import ConfigError, Count, Record, Share, check_file
-from wordcraft_kg.base.statistics import paired_difference, wilson_interval
+from wordcraft_kg.base.statistics import wilson_interval
 from wordcraft_kg.graphs import Ids, TrainedOn
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.recipes.set_training import rows_of_sets
@@ -54,13 +54,11 @@ class RankedMethod(Record):
         name: the model, a baseline, or the file of predictions.
         columns: all goals, goals whose parts no train goal has together, goals of which no right
             set is that of a train recipe.
-        lead: the model's share minus the method's, with its paired interval, by k; all goals.
         answered: number of goals for which the method names a set.
     """
 
     name: str
     columns: dict[str, TopShares]
-    lead: dict[int, tuple[float, float, float]]
     answered: Count
 
 
@@ -186,7 +184,6 @@ def rank_sets(
                 column: _top_shares(table[is_in_column])
                 for column, is_in_column in goals.columns.items()
             },
-            {} if method == name else _leads(hits[name], table),
             _num_answered(goals, methods[method]),
         )
         for method, table in hits.items()
@@ -324,16 +321,6 @@ def _top_shares(hits: np.ndarray[Any, Any]) -> TopShares:
         for k, count in zip(TOP, hits.sum(0).tolist(), strict=True)
     }
     return TopShares(len(hits), shares, intervals)
-
-
-def _leads(
-    model: np.ndarray[Any, Any], method: np.ndarray[Any, Any]
-) -> dict[int, tuple[float, float, float]]:
-    """Return the model's lead over a method with its interval, by k."""
-    return {
-        k: paired_difference(model[:, [column]], method[:, [column]], None)
-        for column, k in enumerate(TOP)
-    }
 
 
 def _calibration_error(chances: np.ndarray[Any, Any], is_right: np.ndarray[Any, Any]) -> float:

@@ -74,23 +74,10 @@ def _interval_row(name: str, metrics: RankingMetrics) -> tuple[str, charts.Estim
 
 def comparison_page(view: LinkComparison) -> str:
     """Render a comparison of link predictors as an HTML page: MRR, and differences to the first."""
-    # The first model has no difference to itself and is drawn at 0, the line of the others.
-    differences_of = []
     ranked = by_mrr(view)
-    for model in ranked:
-        low, high = model.difference_ci or (None, None)
-        differences_of.append((model.name, (model.difference or 0.0, low, high)))
     mrr = charts.intervals(
         [_interval_row(model.name, model) for model in ranked],
         f"filtered MRR, 95 % over {view.unit}",
         "MRR of each model with its interval",
     )
-    differences = charts.intervals(
-        differences_of,
-        f"difference of MRR to {view.models[0].name}, paired",
-        f"Difference of each model's MRR to that of {view.models[0].name} with its interval",
-        reference=0.0,
-    )
-    return render_page(
-        "link_comparison.html.j2", report=view, ranked=ranked, mrr=mrr, differences=differences
-    )
+    return render_page("link_comparison.html.j2", report=view, ranked=ranked, mrr=mrr)

@@ -457,7 +457,6 @@ def test_shares_count_goals_with_a_right_set_among_the_first_k(letters_model, ra
     assert record.methods[0].columns["all"].shares[1] > 0.7
     for method in record.methods[1:]:
         difference = record.methods[0].columns["all"].shares[1] - method.columns["all"].shares[1]
-        assert method.lead[1][0] == pytest.approx(difference)
         assert difference > 0
 
 

@@ -600,8 +600,7 @@ def _suggestion_rows(suggestions: "Sequence[Suggestion]") -> Iterator[str]:
     rows = []
     for suggestion in suggestions:
         place = suggestion.known if suggestion.steps is None else f"step {suggestion.steps}"
-        recipe = f"{' + '.join(suggestion.ingredients)} -> {suggestion.result}"
-        rows.append((f"{suggestion.probability:>11.3f}", place, recipe))
+        rows.append((f"{suggestion.probability:>11.3f}", place, str(suggestion.recipe)))
     lines = aligned(rows)
     for line, suggestion in zip(lines, suggestions, strict=True):
         yield line

@@ -73,7 +73,7 @@ class Query:
     columns: ClassVar[tuple[str, str, str]] = ("head", "relation", "tail")
     entity_slots: ClassVar[tuple[int, ...]] = (0, 2)
 
-    slots: tuple[str | None, str | None, str | None]
+    slots: tuple[str | None, ...]
     line: int | None = None
 
     @classmethod
@@ -97,10 +97,9 @@ class Query:
                 f"no relation '{words[1]}'; expected {' or '.join(RELATIONS)}."
                 f"{nearest(words[1], RELATIONS)}"
             )
-        first, second, third = (
+        slots = tuple(
             None if word in ("", *OPEN) and word not in entities else word for word in words
         )
-        slots = (first, second, third)
         if slots.count(None) > 1:
             raise ConfigError(
                 f"'{' '.join(word or '_' for word in words)}' has several open slots; leave a "
@@ -411,10 +410,9 @@ class Scoring(ABC):
         # Named entities broadcast along the open slot.
         return np.stack(np.broadcast_arrays(*ids), axis=1).astype(np.int64)
 
-    def labels(self, row: Ids) -> tuple[str, str, str]:
+    def labels(self, row: Ids) -> tuple[str, ...]:
         """Return the labels of a row, shape (3,)."""
-        first, second, third = (self.entities[entity] for entity in row.tolist())
-        return first, second, third
+        return tuple(self.entities[entity] for entity in row.tolist())
 
     def candidates(self, query: Query, top: int) -> tuple[Ids, torch.Tensor]:
         """Return rows for a query's open slot, shape (n, 3), and their scores.
@@ -465,8 +463,8 @@ class Scoring(ABC):
         Returns:
             The rank from 1; entities with equal scores share the best rank.
         """
-        slots = [None if i == place else label for i, label in enumerate(query.slots)]
-        rows = self.rows(replace(query, slots=(slots[0], slots[1], slots[2])))
+        slots = tuple(None if i == place else label for i, label in enumerate(query.slots))
+        rows = self.rows(replace(query, slots=slots))
         scores = self.scores(rows)
         # A score among others may differ in its last bits from the score alone, so that an entity
         # would be ranked behind itself.
@@ -552,7 +550,7 @@ class LinkScoring(Scoring):
             outside = finder.of_link(*self.labels(row)) if finder else ()
             yield {"probability": probability, "outside": outside}
 
-    def labels(self, row: Ids) -> tuple[str, str, str]:  # noqa: D102
+    def labels(self, row: Ids) -> tuple[str, ...]:  # noqa: D102
         head, relation, tail = row.tolist()
         return self.entities[head], RELATIONS[relation], self.entities[tail]
 

@@ -74,11 +74,10 @@ _SETS = 20
 
 
 class Suggestion(Record):
-    """A recipe.
+    """A suggested or known recipe.
 
     Attributes:
-        ingredients: labels of the ingredients.
-        result: label of the result.
+        recipe: the recipe, by labels.
         probability: of pairs, that the pair makes the result; of sets, that a recipe of the result
             has exactly these ingredients. Calibrated on train recipes that the model had not seen;
             1 for a known recipe.
@@ -88,8 +87,7 @@ class Suggestion(Record):
         steps: attempts in a row until the result is there, from a list of entities; None elsewhere.
     """
 
-    ingredients: tuple[str, ...]
-    result: str
+    recipe: Recipe
     probability: Share
     known: Known
     because: tuple[tuple[Recipe, Share], ...]
@@ -267,7 +265,7 @@ def suggest_sets(
     sets = []
     for ranked_set in ranked:
         labels = [scorer.entities[entity] for entity in ranked_set.ingredients]
-        is_new = not new_only or _known(split, labels, goal) == "new"
+        is_new = not new_only or _known(split, Recipe(labels, goal)) == "new"
         if is_new and size in (None, len(labels)):
             sets.append(ranked_set)
     suggestions = [
@@ -319,11 +317,10 @@ def _suggestion(
     entities = scorer.entities
     support = []
     for near in scorer.near_recipes(goal, ids, _SUPPORT):
-        recipe = Recipe([entities[entity] for entity in near.ingredients], entities[near.result])
-        support.append((recipe, near.strength))
-    labels = tuple(entities[entity] for entity in ids)
-    split_part = _known(split, labels, goal)
-    return Suggestion(labels, goal, float(np.exp(score)), split_part, tuple(support))
+        labels = [entities[entity] for entity in near.ingredients]
+        support.append((Recipe(labels, entities[near.result]), near.strength))
+    recipe = Recipe([entities[entity] for entity in ids], goal)
+    return Suggestion(recipe, float(np.exp(score)), _known(split, recipe), tuple(support))
 
 
 # Two splits, since tests and notebooks open several; a list of suggestions asks for many recipes.
@@ -335,9 +332,9 @@ def _parts_of_recipes(split: Split) -> dict[Recipe, Part]:
     return {recipe: names[part] for recipe, part in zip(recipes, split.parts, strict=True)}
 
 
-def _known(split: Split, ingredients: Sequence[str], result: str) -> Known:
+def _known(split: Split, recipe: Recipe) -> Known:
     """Return the part of a split that has a recipe, or ``new``."""
-    return _parts_of_recipes(split).get(Recipe(ingredients, result), "new")
+    return _parts_of_recipes(split).get(recipe, "new")
 
 
 # --- recipes that the book lacks ------------------------------------------------------------------
@@ -470,7 +467,8 @@ def _suggested_pair(
         for witness in scorer.supporting_recipes(first, second, result, limit=_SUPPORT)
     ]
     step = _step(steps, row[:2].tolist())
-    return Suggestion((first, second), result, probability, "new", tuple(support), step)
+    recipe = Recipe.of(first, second, result)
+    return Suggestion(recipe, probability, "new", tuple(support), step)
 
 
 def _step(steps: Ids | None, ingredients: Sequence[int]) -> int | None:
@@ -496,7 +494,7 @@ def _made(split: Split, steps: Ids) -> Iterator[Suggestion]:
     for row, recipe in zip(rows, graph.recipe_labels(graph.sets[rows]), strict=True):
         part = names[split.parts[row]]
         step = int(from_start[results[row]])
-        yield Suggestion(recipe.ingredients, recipe.result, 1.0, part, (), step)
+        yield Suggestion(recipe, 1.0, part, (), step)
 
 
 def _likely_sets(
@@ -529,11 +527,11 @@ def _likely_sets(
     ranked.sort(key=lambda pair: -pair[0].score)
     candidates = []
     for ranked_set, goal in ranked:
-        labels = graph.labels(ranked_set.ingredients)
+        recipe = Recipe(graph.labels(ranked_set.ingredients), graph.entities[goal])
         step = _step(steps, ranked_set.ingredients)
-        is_new = _known(split, labels, graph.entities[goal]) == "new"
-        has_self = goal in ranked_set.ingredients and not graph.has_self_results
-        if is_new and not has_self and wish.takes(labels, step):
+        is_new = _known(split, recipe) == "new"
+        has_self = recipe.is_self_result and not graph.has_self_results
+        if is_new and not has_self and wish.takes(recipe.ingredients, step):
             candidates.append((ranked_set, goal, step))
     rows = varied(
         ((*ranked_set.ingredients, goal) for ranked_set, goal, _ in candidates), top, named
@@ -581,14 +579,15 @@ def table_lines(suggestions: Sequence[Suggestion], delimiter: str = ",") -> Iter
         suggestions: recipes, in the order of the lines.
         delimiter: one character between cells.
     """
-    width = max((len(suggestion.ingredients) for suggestion in suggestions), default=2)
+    width = max((len(suggestion.recipe) - 1 for suggestion in suggestions), default=2)
     yield csv_line((*own_header(width), *COLUMNS), delimiter)
     for suggestion in suggestions:
-        empty = [""] * (width - len(suggestion.ingredients))
+        *ingredients, result = suggestion.recipe
+        empty = [""] * (width - len(ingredients))
         probability = f"{suggestion.probability:.3f}"
         nearest_recipe = str(suggestion.because[0][0]) if suggestion.because else ""
         further_cells = (probability, nearest_recipe, "")
-        cells = (*suggestion.ingredients, *empty, suggestion.result, *further_cells)
+        cells = (*ingredients, *empty, result, *further_cells)
         yield csv_line(cells, delimiter)
 
 

@@ -195,8 +195,8 @@ def _rows_of_evaluation(view: "LinkView") -> list[dict[str, Any]]:
     tables += [(baseline, "all", parts["all"]) for baseline, parts in view.baselines.items()]
     if not view.model.has_seen_the_test_recipes:
         # Recipes that do not nearly repeat a train recipe.
-        if "near_synonyms" in view.drill_down:
-            distant = view.drill_down["near_synonyms"][NO_NEAR_SYNONYM]
+        distant = view.drill_down.get("near_synonyms", {}).get(NO_NEAR_SYNONYM)
+        if distant:
             tables.append((name, "no near-synonym", distant))
         by_book = view.drill_down.get("other_book", {})
         tables += [(name, goals, metrics) for goals, metrics in by_book.items()]
@@ -267,12 +267,13 @@ def score(
     """
     from wordcraft_kg.evaluation.scores import (
         Scores,
+        is_recipe_query,
         parse_query,
         read_queries,
         scoring_of,
         with_new_words,
     )
-    from wordcraft_kg.evaluation.suggestions import is_set_query
+    from wordcraft_kg.evaluation.suggestions import is_set_model
     from wordcraft_kg.models.model_folder import open_model
     from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
 
@@ -280,7 +281,7 @@ def score(
     words = list(query)
     _check_query(words, file=queries, out=out)
     loaded = open_model(model, graph)
-    if queries is None and is_set_query(loaded.scorer, words):
+    if queries is None and is_set_model(loaded) and is_recipe_query(words):
         output.result(*_scored_set(loaded, words, top, new_only=new_only))
         return
     entities = frozenset(loaded.scorer.entities)
@@ -334,8 +335,9 @@ def _scored_set(
 
 
 def _check_query(words: list[str], *, file: Path | None, out: Path | None) -> None:
-    signs = ("+", "->", "→")
-    is_query = len(words) > 1 or any(sign in word for word in words for sign in signs)
+    from wordcraft_kg.evaluation.scores import is_recipe_query
+
+    is_query = len(words) > 1 or is_recipe_query(words)
     has_file = file is not None
     # Either words or a file, and words alone must be a whole query.
     if bool(words) == has_file or not (has_file or is_query):

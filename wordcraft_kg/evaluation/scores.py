@@ -158,6 +158,11 @@ def parse_query(words: Sequence[str], entities: Collection[str]) -> Query:
     return RecipeQuery.of([*ingredients, result or ""], entities)
 
 
+def is_recipe_query(words: Sequence[str]) -> bool:
+    """Return whether the words of a query have a sign of a recipe."""
+    return any(sign in word for word in words for sign in _SIGNS)
+
+
 def pieces_of_recipe(
     words: Sequence[str], entities: Collection[str]
 ) -> tuple[tuple[str, ...], str | None]:

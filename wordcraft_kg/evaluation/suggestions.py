@@ -203,12 +203,6 @@ def is_set_model(model: Model) -> bool:
     return isinstance(model.scorer, SetScorer)
 
 
-def is_set_query(scorer: object, words: Sequence[str]) -> bool:
-    """Return whether the words of a query are a recipe for a model of sets."""
-    signs = ("+", "=", "->", "→")
-    return isinstance(scorer, SetScorer) and any(sign in word for word in words for sign in signs)
-
-
 def can_suggest(model: Model) -> bool:
     """Return whether a model scores whole recipes, and knows how probable they are."""
     folds = folds_of(model.scorer)

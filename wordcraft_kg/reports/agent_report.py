@@ -4,7 +4,6 @@ Charts are curves of success, statistics and mixing weights, and success by kind
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from wordcraft_kg.evaluation.agent_metrics import (
     OTHER_BOOK,
@@ -15,7 +14,6 @@ from wordcraft_kg.evaluation.agent_metrics import (
     TrainingMetric,
 )
 from wordcraft_kg.evaluation.agents import AgentsView, by_success
-from wordcraft_kg.evaluation.scores import BECAUSE, main_support, strength
 from wordcraft_kg.models.policies.sources import ALPHA, label_of, source_names
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.pages import Report
@@ -96,13 +94,6 @@ def pictures_of_metrics(
             )
     return pictures
 
-
-ACTIONS: dict[str, Any] = {
-    "label_of": label_of,
-    "main_support": main_support,
-    "strength": strength,
-    "because": BECAUSE,
-}
 
 # With fewer seeds, Student's interval over seeds is so wide that the page says so.
 _MIN_SEEDS = 5

@@ -60,8 +60,9 @@ def _term(label: Label) -> Term:
     return Term("Agents", label.words, meaning, label.symbol)
 
 
-_FILE = Path(__file__).with_name("glossary.toml")
-_TERMS: dict[Any, dict[str, list[str]]] = tomllib.loads(_FILE.read_text("utf-8"))
+_TERMS: dict[Any, dict[str, list[str]]] = tomllib.loads(
+    Path(__file__).with_name("glossary.toml").read_text("utf-8")
+)
 # Score sources define their own words, so that a term and a column never differ.
 GLOSSARY = {label.name: _term(label) for label in (ALPHA, *BUILT_IN.values())}
 for _topic, _terms in _TERMS.items():

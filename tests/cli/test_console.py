@@ -410,7 +410,7 @@ BAD_VALUES = {
         "--distractors=many",
         "--depth=2",
     ],
-    "evaluate-agent {world}/graph": ["--agent=oracle"],
+    "evaluate-agent {world}/graph": ["--graph=kitchen"],
     "explain {world}/plain/seed-0": ["--episodes=0"],
     "discover kitchen": [
         *(

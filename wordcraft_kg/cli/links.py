@@ -305,8 +305,8 @@ def score(
     if new_words:
         # A single new entity may be a misspelling that has a vector, too.
         hint = nearest(new_words[0], graph_entities) if len(new_words) == 1 else ""
-        words = listed([f"'{label}'" for label in new_words], most=5)
-        lines.append(f"not in the graph, scored by words alone: {words}.{hint}")
+        labels = listed([f"'{label}'" for label in new_words], most=5)
+        lines.append(f"not in the graph, scored by words alone: {labels}.{hint}")
     lines += _notes(loaded.kg, answers)
     printed_answers = answers if out is None else ()
     file = None if out is None else str(out)

@@ -625,9 +625,10 @@ class RecipeScoring(Scoring):
         for row, in_sample, share in zip(rows, is_seen, shares, strict=True):
             fields = {"in_sample": in_sample, "probability": share}
             if is_explained:
-                labels = self.labels(row)
-                fields["because"] = tuple(self.scorer.supporting_recipes(*labels, limit=_SUPPORT))
-                fields["outside"] = self.outside.of_recipe(*labels) if self.outside else ()
+                a, b, result = self.labels(row)
+                support = self.scorer.supporting_recipes(a, b, result, limit=_SUPPORT)
+                fields["because"] = tuple(support)
+                fields["outside"] = self.outside.of_recipe(a, b, result) if self.outside else ()
             yield fields
 
     def candidates(self, query: Query, top: int) -> tuple[Ids, torch.Tensor]:

@@ -1,6 +1,6 @@
 """Evaluation of a link predictor: ranking metrics, baselines, query groups, and validity checks."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Literal
 
 import msgspec
@@ -188,6 +188,8 @@ def _log_loss(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> flo
 SEEN = ((0, 0), (1, 5), (6, 15), (16, 40), (41, 100), (101, OPEN_END))
 _LAYERS = ((0, 2), (3, 5), (6, 8), (9, 11), (12, OPEN_END))
 NO_NEAR_SYNONYM = "no such train recipe"
+Masks = dict[str, NDArray[np.bool_]]
+"""Groups of queries by name, each of shape (2 T,)."""
 Slices = dict[str, RankingMetrics]
 """Metrics by the name of a group of queries, such as a relation."""
 Verdict = Literal["above", "no significant difference from", "below"]
@@ -261,41 +263,43 @@ def drill_down_of(links: RankedLinks) -> dict[str, Slices]:
     # The goal is the tail of componentOf; combinesWith says nothing about a goal.
     goals = ranks["tail"].to_numpy(dtype=np.int64)
     by_book = goal_groups(graph, goals, links.made_by_other_books)
-    groups: dict[str, Iterable[tuple[str, NDArray[np.bool_]]]] = {
-        "seen_in_train": binned(uses[target], SEEN),
-        "layer": [("not reachable", layer < 0), *binned(layer, _LAYERS)],
-        "self_combination": [
-            ("with itself", is_symmetric & is_self),
-            ("with another", is_symmetric & ~is_self),
-        ],
+    groups: dict[str, Masks] = {
+        "seen_in_train": dict(binned(uses[target], SEEN)),
+        "layer": {"not reachable": layer < 0, **dict(binned(layer, _LAYERS))},
+        "self_combination": {
+            "with itself": is_symmetric & is_self,
+            "with another": is_symmetric & ~is_self,
+        },
         "near_synonyms": _near_synonyms(links),
-        "other_book": [
-            (f"componentOf, {name}", mask & ~is_symmetric) for name, mask in by_book.items()
-        ],
+        "other_book": {
+            f"componentOf, {name}": mask & ~is_symmetric for name, mask in by_book.items()
+        },
     }
     drill_down = {}
     for kind, masks in groups.items():
-        slices = {
-            name: with_interval(ranks[mask], links.clusters[mask])
-            for name, mask in masks
-            if mask.any()
-        }
-        if slices:
-            drill_down[kind] = slices
+        asked = {name: mask for name, mask in masks.items() if mask.any()}
+        if asked:
+            drill_down[kind] = _with_intervals(links, ranks, asked)
     return drill_down
 
 
-def _near_synonyms(links: RankedLinks) -> list[tuple[str, NDArray[np.bool_]]]:
+def _with_intervals(links: RankedLinks, ranks: pd.DataFrame, masks: Masks) -> Slices:
+    """Return metrics of ranks of the links' queries, for each group of queries."""
+    # All models are resampled with the same seed, so intervals differ only by the ranks.
+    return {name: with_interval(ranks[mask], links.clusters[mask]) for name, mask in masks.items()}
+
+
+def _near_synonyms(links: RankedLinks) -> Masks:
     # With all recipes in training every test recipe repeats a train recipe: itself.
     if links.is_full:
-        return []
+        return {}
     graph = links.graph
     recipes = near_synonym_recipes(links.opened.split, glove_features(graph.entities))
     # Both queries of a triple, tails before heads.
     repeats = np.tile(near_synonym_triples(graph, recipes, links.queries), 2)
     if not repeats.any():  # as in a split by goal, or without word vectors
-        return []
-    return [("a train recipe with a near-synonym", repeats), (NO_NEAR_SYNONYM, ~repeats)]
+        return {}
+    return {"a train recipe with a near-synonym": repeats, NO_NEAR_SYNONYM: ~repeats}
 
 
 FEW_TEST_RECIPES = 50
@@ -418,13 +422,14 @@ def view_links(
     if scorer is not None and not links.is_full and scorer.record.mrr is not None:
         folds = scorer.record
 
-    def measure(part: pd.DataFrame, mask: NDArray[np.bool_]) -> RankingMetrics:
-        return with_interval(part, links.clusters[mask])
-
-    # All models are resampled with the same seed, so intervals differ only by the ranks.
-    baselines = {name: _by_slice(ranks, measure) for name, ranks in links.baseline_ranks.items()}
+    # The same queries in the same order, so the masks are those of the baselines, too.
+    masks = slice_masks(ranks)
+    baselines = {
+        baseline: _with_intervals(links, table, masks)
+        for baseline, table in links.baseline_ranks.items()
+    }
     # Random order has a formula, so its metrics need no interval.
-    baselines["random"] = _by_slice(ranks, lambda part, _: random_metrics(part))
+    baselines["random"] = {part: random_metrics(ranks[mask]) for part, mask in masks.items()}
     return LinkView(
         format="wordcraft-kg link report 1",
         model=EvaluatedModel(name, links.kg, links.is_full),
@@ -438,7 +443,7 @@ def view_links(
         leaked_left_out=0 if links.is_full else split.leaked_triples,
         leakage=leakage(links.opened.split),
         checks=tuple(_checks(links)),
-        metrics=_by_slice(ranks, measure),
+        metrics=_with_intervals(links, ranks, masks),
         folds=folds,
         probabilities=tuple(reliability_of(links)),
         baselines=baselines,
@@ -477,9 +482,3 @@ def _checks(links: RankedLinks) -> Iterator[Check]:
     yield Check("leak", no_leak, not in_train, f"{in_train} found")
     no_mirror = "no combinesWith triple has its mirror in the training triples"
     yield Check("mirror", no_mirror, not mirrored, f"{mirrored} found")
-
-
-def _by_slice(
-    ranks: pd.DataFrame, measure: Callable[[pd.DataFrame, NDArray[np.bool_]], RankingMetrics]
-) -> Slices:
-    return {name: measure(ranks[mask], mask) for name, mask in slice_masks(ranks).items()}

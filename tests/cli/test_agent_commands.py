@@ -40,17 +40,12 @@ def test_evaluate_agent_prints_what_the_documentation_promises(printed, world):
         assert figures["ci_low"] <= figures["mean"] <= figures["ci_high"]
         assert (figures["distractor_seeds"], figures["tasks"] > 0) == (2, True)
     assert all(sum(shares.values()) == pytest.approx(1) for shares in values["outcomes"].values())
-    command = "evaluate-agent", world / "guided", "--distractors", "1,3", "--distractor-seeds", 2
-    alone = printed(*command, "--agent", "kg-only")
-    assert alone["against_scorer"] is None
-    assert alone["sources"] is None
     for gains in values["sources"].values():
         assert gains.keys() == {"combines (u)", "component (v)"}
     for amount, beside in values["against_scorer"].items():
-        gain = values["success"][amount]["mean"] - alone["success"][amount]["mean"]
-        assert beside["gain"] == pytest.approx(gain)
+        assert values["success"][amount]["mean"] >= beside["differs"] * beside["success"]
         assert beside["differs"] * (beside["success"] - beside["scorer_success"]) == pytest.approx(
-            gain
+            beside["gain"]
         )
 
 

@@ -410,7 +410,7 @@ BAD_VALUES = {
         "--distractors=many",
         "--depth=2",
     ],
-    "evaluate-agent {world}/graph": ["--agent=oracle"],
+    "evaluate-agent {world}/graph": ["--graph=kitchen"],
     "explain {world}/plain/seed-0": ["--episodes=0"],
     "discover kitchen": [
         *(
@@ -497,7 +497,6 @@ REFUSED = [
     ("evaluate-agent {world}/scorer", "written by train-complex; expected a run of train-agent"),
     ("evaluate-agent {world}/plain/seed-0 --graph paper-examples", "was trained on graph"),
     ("evaluate-agent {world}/plain/seed-0 --part valid", "valid"),
-    ("evaluate-agent {world}/plain/seed-0 --agent kg-only", "trained without a scorer"),
     ("evaluate-links {world}/plain/seed-0", "written by train-agent; expected a model"),
     ("explain {world}/plain/seed-0 --goal spaceship", "no entity 'spaceship'"),
     ("compare {world}/plain {world}/many", "plays with max_attempts"),

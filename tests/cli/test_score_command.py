@@ -298,7 +298,7 @@ def test_new_words_in_a_file_are_scored_and_unknown_words_refused(
     queries, out = tmp_path / "pairs.csv", tmp_path / "scores.csv"
     command = ("score", recipes_folder, "--in", queries, "--top", "2")
     queries.write_text("yogurt,combinesWith,water\nflour,combinesWith,flouurr\n")
-    says = "no entity 'flouurr'. Did you mean 'flour'"
+    says = f"{queries}, line 2: no entity 'flouurr'. Did you mean 'flour'"
     refused(*command, "--out", out, says=says, kind="UnknownEntityError")
     assert not out.exists()
     queries.write_text("yogurt,combinesWith,water\n_,componentOf,rice\nflour,combinesWith,yogurt\n")

@@ -108,12 +108,6 @@ def test_bins_hold_their_bounds_and_are_named_by_them():
     assert found == {"0": [0], "1–3": [1, 2, 3], "5–9": [9], "10+": [10, 1_000]}
 
 
-def test_the_name_of_the_last_bin_can_be_in_words():
-    assert [name for name, _ in binned(np.arange(3), ((2, OPEN_END),), more=" or more")] == [
-        "2 or more"
-    ]
-
-
 @pytest.fixture(scope="module")
 def home(tmp_path_factory):
     """A graph split by goal, and a model that learned from another book, which makes every second

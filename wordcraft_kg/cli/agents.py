@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 EXAMPLES = {
     "evaluate-agent": (
         "wordcraft-kg evaluate-agent runs/no-kg --part test --distractors 1,8 --distractor-seeds 5",
-        "wordcraft-kg evaluate-agent runs/partial --agent kg-only",
         "wordcraft-kg evaluate-agent graphs/everyday --scorer models/everyday",
         "wordcraft-kg evaluate-agent graphs/everyday --scorer models/everyday --depth 2 "
         "--limit 2000",
@@ -85,19 +84,6 @@ class TaskOptions:
 
 
 @dataclass(frozen=True)
-class RunOptions:
-    """Options for a trained agent.
-
-    Attributes:
-        agent: trained, random (chance), oracle (knows all recipes), or kg-only (the run's scorer
-            without the network).
-    """
-
-    agent: Literal["trained", "random", "oracle", "kg-only"] = "trained"
-    graph: MovedGraph = None
-
-
-@dataclass(frozen=True)
 class ScriptedOptions:
     """Options for scripted players.
 
@@ -124,7 +110,7 @@ def evaluate_agent(
     *,
     part: Part = "test",
     played: Annotated[TaskOptions, Parameter(name="*", group="Tasks")] = TaskOptions(),
-    trained: Annotated[RunOptions, Parameter(name="*", group="Trained agent")] = RunOptions(),
+    graph: MovedGraph = None,
     scripted: Annotated[
         ScriptedOptions, Parameter(name="*", group="Scripted players")
     ] = ScriptedOptions(),
@@ -146,14 +132,13 @@ def evaluate_agent(
         from wordcraft_kg.agents.agent_folder import open_agent
         from wordcraft_kg.evaluation.agents import view_evaluation
 
-        opened = open_agent(Path(run), trained.graph)
+        opened = open_agent(Path(run), graph)
         amounts = whole_numbers(
             "distractors", played.distractors or [str(opened.config.tasks.distractors)]
         )
         view = view_evaluation(
             Path(run),
             opened,
-            trained.agent,
             part,
             amounts,
             played.distractor_seeds,
@@ -162,7 +147,7 @@ def evaluate_agent(
         )
         rows = [
             {
-                "player": view.agent,
+                "player": "trained",
                 "distractors": int(amount),
                 "success": success.mean,
                 "interval": (success.ci_low, success.ci_high),
@@ -172,7 +157,8 @@ def evaluate_agent(
         ]
         output.result(view, [*lines_of(view), *view.notes(), *write_table(table, rows)])
     else:
-        refuse_given(trained, f"a trained agent, and '{run}' is not a run folder")
+        if graph is not None:
+            raise ConfigError(f"`graph` is for a trained agent, and '{run}' is none; leave it out.")
         amounts = whole_numbers("distractors", played.distractors or ["1,2,8"])
         policy = played.distractor_policy or WordCraftConfig.distractor_policy
         config = WordCraftConfig(part, scripted.depth, amounts[0], distractor_policy=policy)
@@ -184,14 +170,14 @@ def evaluate_agent(
                 raise ConfigError(f"`seed` {scripted.seed}: `player` has the tables of seed 0.")
             external = ExternalPlayer(scripted.player, scripted.out, scripted.timeout)
 
-        graph = open_graph(run)
+        opened_graph = open_graph(run)
         model = None
         if scripted.scorer is not None:
             from wordcraft_kg.models.model_folder import open_model
 
             model = scripted.scorer.name, open_model(scripted.scorer, run)
         baselines = view_baselines(
-            graph,
+            opened_graph,
             run,
             config,
             amounts,

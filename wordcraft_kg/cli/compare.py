@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
-from msgspec.structs import replace
 
 from wordcraft_kg.base import ConfigError, check_output
 from wordcraft_kg.cli.console import (
@@ -102,7 +101,7 @@ def _compare_agents(
     output: Output,
 ) -> None:
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.evaluation.agents import group_agents, summarise_agents, view_agents
+    from wordcraft_kg.evaluation.agents import group_agents, view_agents
     from wordcraft_kg.reports.agent_report import make_agent_report
     from wordcraft_kg.reports.pages import write_report
 
@@ -120,13 +119,24 @@ def _compare_agents(
     page = folder / "index.html"
     rows = rows_of_agents(view)
     text = [
-        f"{view.part} tasks of depth {view.depth}; tasks resampled by {view.split.unit}, "
+        f"{view.part} tasks of depth {view.depth}; tasks resampled by {view.unit}, "
         f"differences to {view.agents[0].name}",
         *text_table(rows),
         *write_table(table, rows, force=force),
         f"wrote {folder}/   open {page}",
     ]
-    output.result(summarise_agents(view, str(page)), text)
+    # Curves and episodes are in the report alone.
+    values = {
+        "report": str(page),
+        "part": view.part,
+        "depth": view.depth,
+        "agents": {
+            agent.name: {"runs": agent.runs, "seeds": agent.seeds, "success": agent.success}
+            for agent in view.agents
+        },
+        "baselines": view.baselines,
+    }
+    output.result(values, text)
 
 
 def rows_of_agents(view: "AgentsView") -> list[dict[str, Any]]:
@@ -175,7 +185,6 @@ def _compare_links(
         from wordcraft_kg.reports.link_report import comparison_page
 
         write_file(out, comparison_page(view), force=force)
-        view = replace(view, out=str(out))
     rows = [
         {
             "model": model.name,

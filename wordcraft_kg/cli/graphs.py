@@ -36,8 +36,8 @@ from wordcraft_kg.cli.options import Base, Book, FetchableBook, FileOptions, For
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.evaluation.books import (
-    BookList,
     CheckedBook,
+    ListedBook,
     TaskListing,
     view_books,
     view_check,
@@ -58,7 +58,13 @@ from wordcraft_kg.graphs.audit import Audit, EntityView, view_entity
 from wordcraft_kg.graphs.book_check import Finding
 from wordcraft_kg.graphs.book_files import book_name
 from wordcraft_kg.graphs.export import EXPORTERS, ExportPart, Format, export_graph
-from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE, fetch_book, published_fold
+from wordcraft_kg.graphs.library import (
+    DATA_VARIABLE,
+    FETCHABLE,
+    data_folder,
+    fetch_book,
+    published_fold,
+)
 from wordcraft_kg.graphs.planner import derivation_tree
 from wordcraft_kg.graphs.recipes import case_variants, note_of_missing
 from wordcraft_kg.graphs.splits import default_config, read_published_split
@@ -121,13 +127,13 @@ def books(*, fetch: FetchableBook = None, output: Output = Output()) -> None:
             [f"{fetch} is in {path} ({book.note})", f"next: wordcraft-kg build-graph {fetch}"],
         )
     else:
-        view = view_books()
-        output.result(view, _text_of_books(view))
+        books = view_books()
+        output.result({"books": books}, _text_of_books(books))
 
 
-def _text_of_books(view: BookList) -> Iterator[str]:
+def _text_of_books(books: Sequence[ListedBook]) -> Iterator[str]:
     rows = []
-    for book in view.books:
+    for book in books:
         # A built-in book is in the package, wherever that is.
         place = ""
         if book.origin != "built in":
@@ -142,7 +148,7 @@ def _text_of_books(view: BookList) -> Iterator[str]:
         rows.append(row)
     yield from text_table(rows)
     yield "with invented words: made-up:BOOK, such as made-up:everyday; made-up-3:BOOK with seed 3"
-    folder = view.data_folder or "not set"
+    folder = data_folder() or "not set"
     yield f"your own: any path, or files in the folder that {DATA_VARIABLE} names ({folder})"
 
 

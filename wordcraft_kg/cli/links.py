@@ -14,6 +14,8 @@ from wordcraft_kg.base import (
     check_output,
     counted,
     dump_json,
+    listed,
+    nearest,
     staged_folder,
     whole,
     write_atomically,
@@ -97,7 +99,7 @@ def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
             tuple of ingredients and the goal, and returns True or False.
         out: folder to write. Default: report/ in the model folder.
     """
-    from wordcraft_kg.evaluation.links import summarise_links, view_links
+    from wordcraft_kg.evaluation.links import view_links
     from wordcraft_kg.evaluation.ranked_links import rank_links
     from wordcraft_kg.evaluation.suggestions import is_set_model
     from wordcraft_kg.models.model_folder import open_model
@@ -122,7 +124,7 @@ def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
         made_by_other_books=trained.made_by_other_books,
         max_queries=max_queries,
     )
-    view = view_links(links, name=model.name, provenance=trained.provenance, trace=trained.trace)
+    view = view_links(links, name=model.name, provenance=trained.provenance)
     write_report(make_link_report(view, links.labelled_ranks), folder, force=force)
     rows = _rows_of_evaluation(view)
     text = [
@@ -131,7 +133,7 @@ def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
         *write_table(table, rows, force=force),
         f"wrote {folder}/   open {folder / 'index.html'}",
     ]
-    output.result(summarise_links(view, str(folder / "index.html")), text)
+    output.result(view, text)
     # Coverage depends on the split (by-goal splits lack coverage); if another check fails, no
     # metric is valid.
     failed = [check for check in view.checks if not check.passed and check.id != "coverage"]
@@ -162,14 +164,13 @@ def _evaluate_sets(
         shares = {f"{name} ({top.goals:,})": _shares(top) for name, top in method.columns.items()}
         rows.append({"right set in the first 1, 3, 5, 10": method.name, **shares})
     calibration = f"calibration error {view.calibration_error:.3f} of the first five sets"
-    unanswered = f"; no set for {view.unanswered:,} goals" if view.unanswered else ""
     num_goals = view.methods[0].columns["all"].goals
     few = [
         f"{method.name}: answers for {method.answered:,} of {num_goals:,} goals"
-        for method in view.methods[1:]
-        if method.answered is not None and method.answered < num_goals
+        for method in view.methods
+        if method.answered < num_goals
     ]
-    lines = [*text_table(rows), *few, calibration + unanswered, f"wrote {folder}/"]
+    lines = [*text_table(rows), *few, calibration, f"wrote {folder}/"]
     if view.has_rule:
         lines.append(f"the model's sets are those that {rule} allows")
     if view.trained_on == "full":
@@ -186,21 +187,19 @@ def _shares(top: "TopShares") -> str:
 
 def _rows_of_evaluation(view: "LinkView") -> list[dict[str, Any]]:
     """Return the table of an evaluation: the model, baselines, and the model on some triples."""
+    from wordcraft_kg.evaluation.links import NO_NEAR_SYNONYM
+
     name = view.model.name
     tables: list[tuple[str, str, RankingMetrics]]
     tables = [(name, part, view.metrics[part]) for part in ("all", *RELATIONS)]
     tables += [(baseline, "all", parts["all"]) for baseline, parts in view.baselines.items()]
     if not view.model.has_seen_the_test_recipes:
         # Recipes that do not nearly repeat a train recipe.
-        tables += [
-            (name, "no near-synonym", row)
-            for row in view.drill_down.near_synonyms
-            if row.slice == "no such train recipe"
-        ]
-        tables += [(name, row.slice, row) for row in view.drill_down.other_book]
-        if view.leaked_left_out and view.model.kg != "none":
-            # Training contains them, so the metrics are inflated by memory.
-            tables.append((name, "with leaked (seen)", view.with_leaked))
+        distant = view.drill_down.get("near_synonyms", {}).get(NO_NEAR_SYNONYM)
+        if distant:
+            tables.append((name, "no near-synonym", distant))
+        by_book = view.drill_down.get("other_book", {})
+        tables += [(name, goals, metrics) for goals, metrics in by_book.items()]
     return [
         {
             "model": model,
@@ -215,8 +214,6 @@ def _rows_of_evaluation(view: "LinkView") -> list[dict[str, Any]]:
 
 
 def _notes_of_evaluation(view: "LinkView") -> Iterator[str]:
-    from wordcraft_kg.evaluation.links import has_few_test_recipes
-
     ranked = f"{view.triples:,}"
     if view.sampled_from is not None:
         ranked = f"a uniform sample of {view.triples:,} of {view.sampled_from:,}"
@@ -227,13 +224,13 @@ def _notes_of_evaluation(view: "LinkView") -> Iterator[str]:
     best = view.comparisons[0]
     low, high = best.ci
     lead = f"{best.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
-    yield f"{best.compared} the best baseline, {best.baseline}: {lead}"
-    if has_few_test_recipes(view):
+    yield f"{best.verdict} the best baseline, {best.baseline}: {lead}"
+    if view.has_few_test_recipes:
         count = f"{view.split.test_recipes:,} test recipes"
         yield f"only {count}: another seed of the split may change the verdict"
-    if view.in_sample:
-        left_out = f"MRR {view.in_sample.left_out_mrr:.3f} on train triples left out of training"
-        yield f"cross-fitted: {left_out} ({view.in_sample.in_sample_mrr:.3f} in-sample)"
+    if view.folds:
+        left_out = f"MRR {view.folds.mrr:.3f} on train triples left out of training"
+        yield f"cross-fitted: {left_out} ({view.folds.in_sample_mrr:.3f} in-sample)"
 
 
 def score(
@@ -270,14 +267,13 @@ def score(
     """
     from wordcraft_kg.evaluation.scores import (
         Scores,
-        new_words,
-        note_of_words,
+        is_recipe_query,
         parse_query,
         read_queries,
         scoring_of,
         with_new_words,
     )
-    from wordcraft_kg.evaluation.suggestions import is_set_query
+    from wordcraft_kg.evaluation.suggestions import is_set_model
     from wordcraft_kg.models.model_folder import open_model
     from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
 
@@ -285,7 +281,7 @@ def score(
     words = list(query)
     _check_query(words, file=queries, out=out)
     loaded = open_model(model, graph)
-    if queries is None and is_set_query(loaded.scorer, words):
+    if queries is None and is_set_model(loaded) and is_recipe_query(words):
         output.result(*_scored_set(loaded, words, top, new_only=new_only))
         return
     entities = frozenset(loaded.scorer.entities)
@@ -296,7 +292,7 @@ def score(
     else:
         query_list = read_queries(queries, entities)
     outside = OutsideEvidenceFinder.open(model, loaded.opened)
-    loaded = with_new_words(loaded, model, query_list)
+    loaded = with_new_words(loaded, model, query_list, queries)
     check_file(out, force=force)
     scoring = scoring_of(loaded, query_list[0], outside)
     answers = tuple(
@@ -304,12 +300,17 @@ def score(
     )
     # Scores that go into a file are not printed as well; what qualifies them always is.
     lines = [] if out else list(_lines(answers, len(loaded.scorer.entities)))
-    lines += [*note_of_words(loaded), *_notes(loaded.kg, answers)]
+    graph_entities = loaded.opened.graph.entities
+    new_words = tuple(loaded.scorer.entities[len(graph_entities) :])
+    if new_words:
+        # A single new entity may be a misspelling that has a vector, too.
+        hint = nearest(new_words[0], graph_entities) if len(new_words) == 1 else ""
+        labels = listed([f"'{label}'" for label in new_words], most=5)
+        lines.append(f"not in the graph, scored by words alone: {labels}.{hint}")
+    lines += _notes(loaded.kg, answers)
     printed_answers = answers if out is None else ()
     file = None if out is None else str(out)
-    view = Scores(
-        len(query_list), len(answers), loaded.kg, new_words(loaded), printed_answers, file
-    )
+    view = Scores(len(query_list), len(answers), loaded.kg, new_words, printed_answers, file)
     if out is not None:
         write_file(out, _table(query_list[0].columns, answers, out), force=force)
         lines.append(f"wrote {out}: {len(answers):,} scores for {len(query_list):,} queries")
@@ -334,8 +335,9 @@ def _scored_set(
 
 
 def _check_query(words: list[str], *, file: Path | None, out: Path | None) -> None:
-    signs = ("+", "->", "→")
-    is_query = len(words) > 1 or any(sign in word for word in words for sign in signs)
+    from wordcraft_kg.evaluation.scores import is_recipe_query
+
+    is_query = len(words) > 1 or is_recipe_query(words)
     has_file = file is not None
     # Either words or a file, and words alone must be a whole query.
     if bool(words) == has_file or not (has_file or is_query):
@@ -488,7 +490,7 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
         check_new_table,
         open_suggesting,
         suggest as suggest_for,
-        write_suggestions,
+        table_lines,
     )
     from wordcraft_kg.models.recipes.recipe_records import SetMetrics
 
@@ -528,7 +530,8 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
     if isinstance(metrics, SetMetrics) and not any(metrics.fold_top):
         lines.append("In training no unseen goal got a right set: these suggestions are guesses.")
     if out is not None:
-        write_suggestions(view.suggestions, out)
+        delimiter = "," if out.suffix.lower() == ".csv" else "\t"
+        write_file(out, table_lines(view.suggestions, delimiter), force=False)
         count = counted(len(view.suggestions), "suggestion")
         lines.append(f"wrote {out}: {count}; put x into the column accept, then --accept {out}")
     output.result(view, lines)
@@ -599,11 +602,10 @@ def _suggestion_rows(suggestions: "Sequence[Suggestion]") -> Iterator[str]:
     rows = []
     for suggestion in suggestions:
         place = suggestion.known if suggestion.steps is None else f"step {suggestion.steps}"
-        recipe = f"{' + '.join(suggestion.ingredients)} -> {suggestion.result}"
-        rows.append((f"{suggestion.probability:>11.3f}", place, recipe))
+        rows.append((f"{suggestion.probability:>11.3f}", place, str(suggestion.recipe)))
     lines = aligned(rows)
     for line, suggestion in zip(lines, suggestions, strict=True):
         yield line
         if suggestion.because:
-            supports = (f"{near} ({near.strength:.2g})" for near in suggestion.because)
+            supports = (f"{recipe} ({strength:.2g})" for recipe, strength in suggestion.because)
             yield f"{'':11}  because {', '.join(supports)}"

@@ -20,7 +20,6 @@ from wordcraft_kg.evaluation import ranked_sets
 from wordcraft_kg.evaluation.ranked_sets import rank_sets, read_predictions
 from wordcraft_kg.evaluation.suggestions import Wish, suggest
 from wordcraft_kg.graphs import (
-    Recipe,
     RecipeGraph,
     SplitConfig,
     make_split,
@@ -457,7 +456,6 @@ def test_shares_count_goals_with_a_right_set_among_the_first_k(letters_model, ra
     assert record.methods[0].columns["all"].shares[1] > 0.7
     for method in record.methods[1:]:
         difference = record.methods[0].columns["all"].shares[1] - method.columns["all"].shares[1]
-        assert method.lead[1][0] == pytest.approx(difference)
         assert difference > 0
 
 
@@ -630,7 +628,7 @@ def test_a_rule_of_the_user_leaves_sets_out_and_changes_no_probability(
 ):
     command = ("suggest", letters / "model", "--goal", "Gbdh", "--top", 9)
     free, ruled = (
-        {tuple(each["ingredients"]): each["probability"] for each in json.loads(out)["suggestions"]}
+        {tuple(each["recipe"][:-1]): each["probability"] for each in json.loads(out)["suggestions"]}
         for out in (
             run(*command, "--json").out,
             run(*command, "--rule", "rules_of_letters:no_dx", "--json").out,
@@ -697,14 +695,14 @@ def test_a_model_of_sets_suggests_for_the_whole_book_an_item_a_pair_and_a_list(
 ):
     graph = letters_model.opened.graph
     known = set(graph.recipe_labels())
-    best = suggest(letters_model, Wish(), 1).suggestions[0].ingredients
+    best = suggest(letters_model, Wish(), 1).suggestions[0].recipe.ingredients
     for wish in (Wish(), Wish(item="ax"), Wish(pair=best[:2]), Wish(table=best)):
         found = suggest(letters_model, wish, 20).suggestions
         assert found
-        assert not known.intersection(Recipe(each.ingredients, each.result) for each in found)
+        assert not known.intersection(each.recipe for each in found)
         for each in found:
-            assert wish.item is None or wish.item in each.ingredients
-            assert set(wish.pair) <= set(each.ingredients)
+            assert wish.item is None or wish.item in each.recipe.ingredients
+            assert set(wish.pair) <= set(each.recipe.ingredients)
             # The listed entities make known ones, too, which further steps use.
             assert (each.steps is not None) == bool(wish.table)
     table = letters / "found.csv"

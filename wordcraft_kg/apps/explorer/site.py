@@ -49,7 +49,8 @@ from wordcraft_kg.base import (
     write_atomically,
 )
 from wordcraft_kg.base.tensors import torch_threads
-from wordcraft_kg.reports.agent_report import ACTIONS
+from wordcraft_kg.evaluation.scores import BECAUSE, main_support, strength
+from wordcraft_kg.models.policies.sources import label_of
 from wordcraft_kg.reports.pages import Outline, make_environment
 from wordcraft_kg.runs.record import RUN_FILE
 
@@ -160,7 +161,12 @@ def _environment(package: str) -> jinja2.Environment:
         (package, HOME.package, "wordcraft_kg.apps.web", "wordcraft_kg.reports")
     )
     environment = make_environment(*packages)
-    environment.globals["actions"] = ACTIONS
+    environment.globals["actions"] = {
+        "label_of": label_of,
+        "main_support": main_support,
+        "strength": strength,
+        "because": BECAUSE,
+    }
     return environment
 
 

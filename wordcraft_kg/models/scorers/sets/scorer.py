@@ -283,11 +283,6 @@ class SetScorer(StoredScorer):
             for row in rows
         ]
 
-    def parts_of(self, entity: int | str) -> dict[str, float]:
-        """Return the shares of an entity's parts, by name."""
-        amounts = self.knowledge.amounts[int(self.entity_ids(entity))]
-        return {self.part_labels[part]: float(amounts[part]) for part in np.flatnonzero(amounts)}
-
     def evidence(self, entity: int, *, has_coverage: bool = True) -> GoalEvidence:
         """Return what train recipes tell of an entity as a goal."""
         knowledge = self.knowledge

@@ -35,18 +35,14 @@ from wordcraft_kg.models.knowledge.books import (
 from wordcraft_kg.models.knowledge.knowledge_folder import (
     KNOWLEDGE,
     TABLES,
+    KnowledgeTables,
     knowledge_files,
     read_knowledge,
 )
+from wordcraft_kg.models.scorers.features import EntityFeatures
 from wordcraft_kg.models.scorers.neighbours.links import CELLS, link_features
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
 from wordcraft_kg.models.scorers.score_limits import check_table
-
-_OF_A_BOOK = ("graph", "split", "overrides")
-"""Inputs of a knowledge folder that differ between books; other inputs, such as weights, are of the
-source."""
-_Tables = dict[tuple[tuple[str, ...], str, str], Tensor]
-"""Tables by source, name and role. A source is its name and the hashes of its own inputs."""
 
 
 class LinkTables(NamedTuple):
@@ -105,23 +101,27 @@ def open_outside(
             vectors.
         ArtefactError: if a folder is incomplete or damaged.
     """
-    folders = _Tables()
     tables: dict[str, list[Tensor]] = {"pair": [], "part": []}
+    folders: list[KnowledgeTables] = []
     sources: list[OutsideSource] = []
     books: list[OtherBook] = []
     for spec in specs:
-        if not is_book(spec):
-            sources.append(_of_folder(spec, opened, folders))
-            continue
-        book_alone = open_other_book(spec, opened)
-        link_tables, book = _of_book(book_alone, opened, features, allow_missing)
-        books.append(book)
-        tables["pair"] += link_tables.pairs
-        tables["part"] += link_tables.parts
-        sources.append(book.source)
-    # After all folders are read: tables of several folders may have become one.
-    for (_, _, role), table in folders.items():
-        tables[role].append(table)
+        if is_book(spec):
+            book, vectors = with_words_of(
+                open_other_book(spec, opened), opened, features, allow_missing=allow_missing
+            )
+            pairs, parts = _of_book(book, vectors, opened.graph.num_entities)
+            tables["pair"] += pairs
+            tables["part"] += parts
+            books.append(book)
+            sources.append(book.source)
+        else:
+            knowledge, source = _of_folder(spec, opened.graph.entities)
+            folders.append(knowledge)
+            sources.append(source)
+    for knowledge in folders:
+        for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True):
+            tables[info.role].append(table.float())
     return OutsideKnowledge(
         LinkTables(tables["pair"], tables["part"]), tuple(sources), tuple(books)
     )
@@ -132,21 +132,13 @@ def is_book(spec: str) -> bool:
     return not (Path(spec) / KNOWLEDGE).is_file()
 
 
-def _of_folder(spec: str, opened: OpenedGraph, tables: _Tables) -> OutsideSource:
-    """Add a folder's tables to those of other folders, and return its record.
-
-    Tables of one name and source complete each other, as those of several books.
-
-    Args:
-        spec: a knowledge folder.
-        opened: the graph with its split.
-        tables: tables of the folders before; changed in place.
+def _of_folder(spec: str, entities: Sequence[str]) -> tuple[KnowledgeTables, OutsideSource]:
+    """Return a folder's tables for a graph's entities, and its record.
 
     Raises:
         ConfigError: if the folder describes none of the entities.
         ArtefactError: if the folder is incomplete or damaged.
     """
-    entities = opened.graph.entities
     knowledge = read_knowledge(spec)
     name = knowledge.record.source
     coverage = knowledge.coverage(entities)
@@ -155,17 +147,9 @@ def _of_folder(spec: str, opened: OpenedGraph, tables: _Tables) -> OutsideSource
             f"`with` '{spec}': {name} describes none of the {len(entities):,} entities, such as "
             f"'{entities[0]}'. Make the folder for this graph."
         )
-    rearranged = knowledge.of_entities(entities)
-    run = knowledge_files(spec).run
-    own_inputs = [sha256 for key, sha256 in run.inputs.items() if key not in _OF_A_BOOK]
-    origin = (name, *sorted(own_inputs))
-    for info, table in zip(rearranged.record.tables, rearranged.tables, strict=True):
-        key = (origin, info.name, info.role)
-        new = table.float()
-        before = tables.get(key, new)
-        # 0 is a cell that the earlier folder says nothing about.
-        tables[key] = before.where(before != 0, new)
-    return OutsideSource(name=name, kind="tables", sha256=run.outputs[TABLES], coverage=coverage)
+    sha256 = knowledge_files(spec).run.outputs[TABLES]
+    source = OutsideSource(name=name, kind="tables", sha256=sha256, coverage=coverage)
+    return knowledge.of_entities(entities), source
 
 
 def describe_source(source: OutsideSource) -> str:
@@ -184,14 +168,15 @@ def describe_source(source: OutsideSource) -> str:
 
 
 def _of_book(
-    other: OtherBook,
-    opened: OpenedGraph,
-    features: str,
-    allow_missing: bool,
-) -> tuple[LinkTables, OtherBook]:
-    """Return another book's link features for the graph's entities, and the book."""
-    size = opened.graph.num_entities
-    book, vectors = with_words_of(other, opened, features, allow_missing=allow_missing)
+    book: OtherBook, vectors: EntityFeatures, size: int
+) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
+    """Return another book's features of combinesWith and componentOf links, tables (E, E) each.
+
+    Args:
+        book: the book.
+        vectors: word vectors of all its labels.
+        size: E, the graph's entities, which come first.
+    """
     # The book's lists are made with all entities; the tables are of the graph's entities alone.
     lists = Words.of(vectors).lists(book.recipes)
     pairs: list[Tensor] = []
@@ -203,8 +188,7 @@ def _of_book(
     # combinesWith is symmetric, and its features are so but for rounding.
     directed = torch.cat(pairs)
     symmetric = (directed + directed.transpose(0, 1)) / 2
-    tables = LinkTables(_by_feature(symmetric), _by_feature(torch.cat(parts)))
-    return tables, book
+    return _by_feature(symmetric), _by_feature(torch.cat(parts))
 
 
 def _by_feature(features: Tensor) -> tuple[Tensor, ...]:

@@ -25,8 +25,8 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.knowledge.knowledge_folder import TableInfo
 from wordcraft_kg.models.knowledge.network import Alignment, Network, plain
 
-IS_A = ("isA", "IsA")
-"""Relations from a thing to its class, in the spellings of WordNet and ConceptNet."""
+IS_A = "isA"
+"""WordNet's relation from a thing to its class."""
 DESCRIBED_BY = "describedBy"
 """The relation that :func:`with_descriptions` adds."""
 PART_OF = ("partOf", "substanceOf", "memberOf", "PartOf")
@@ -104,7 +104,7 @@ def _classes(network: Network, nodes: Sequence[int]) -> Ids:
     """Return an edge from each of some nodes to each direct or indirect class, shape (C, 3)."""
     import networkx as nx
 
-    (relation,) = network.ids_of(IS_A)
+    relation = network.relations.index(IS_A)
     is_class = network.edges[:, 1] == relation
     classes = nx.DiGraph(network.edges[is_class][:, ::2].tolist())
     classes.add_nodes_from(nodes)
@@ -297,7 +297,7 @@ def _parts(network: Network, confidences: sparse.csr_array) -> Floats:
 
     In WordNet, parts are inherited from classes, with half the weight for each step.
     """
-    upward = (network.links(IS_A) != 0).astype(float)
+    upward = (network.links([IS_A]) != 0).astype(float)
     reach = step = confidences
     for _ in range(_STEPS if network.glosses else 0):
         step = step @ upward / 2

@@ -130,7 +130,7 @@ class PairPolicy(Policy):
             "value.bias": self.value.bias,
         }
         if self.sources:
-            weights |= self.residual_weights(self.lambdas)
+            weights["lambdas"] = self.lambdas()
         if self.config.sees_attempts:
             weights |= {f"phases.{name}": part for name, part in self.phases.named_parameters()}
         return weights

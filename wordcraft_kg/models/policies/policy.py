@@ -151,16 +151,17 @@ class SourceWeights(nn.Module):
 
     first: Tensor
 
-    def __init__(self, first: Tensor):
-        """Begin with the weights ``first``, shape (S,)."""
+    def __init__(self, first: Tensor, num_fixed: int = 0):
+        """Begin with the weights ``first``, of which the first ``num_fixed`` are not learned."""
         super().__init__()
         # Follows from the settings, so that it is made again and not saved.
         self.register_buffer("first", first, persistent=False)
-        self.step = nn.Parameter(torch.zeros_like(first))
+        self.step = nn.Parameter(torch.zeros_like(first[num_fixed:]))
 
     def forward(self) -> Tensor:
-        """Return λ, shape (S,)."""
-        return self.first + SPEED * self.step
+        """Return λ, shape (num_fixed + S,)."""
+        num_fixed = len(self.first) - len(self.step)
+        return self.first + SPEED * nn.functional.pad(self.step, (num_fixed, 0))
 
 
 def mix_logits(
@@ -269,15 +270,14 @@ class Policy(nn.Module):
         return torch.tensor(lambdas, device="cpu")
 
     def source_weights(self) -> SourceWeights:
-        """Return the λ of sources as learned numbers, for a policy with the mixing "residual"."""
-        return SourceWeights(self.first_lambdas()[-len(self.sources) :])
+        """Return all λ as numbers, for a policy with the mixing "residual": those of sources learn.
 
-    def residual_weights(self, lambdas: SourceWeights) -> Weights:
-        """Return ``lambdas``, shape (S,): 1 for the network's own scores if in use, then those."""
-        learned = lambdas()
-        # The network comes first among the labels.
-        ones = learned.new_ones(len(self.labels) - len(learned))
-        return {"lambdas": torch.cat([ones, learned])}
+        The network, first among the labels if in use, has 1.
+        """
+        num_fixed = len(self.labels) - len(self.sources)
+        first = self.first_lambdas()
+        first[:num_fixed] = 1
+        return SourceWeights(first, num_fixed)
 
     def mixed(
         self,

@@ -161,6 +161,11 @@ def _policy(
             f"`use` {with_letters(pair_sources)} takes recipes of two ingredients so far, and the "
             "graph has others. Choose `use` combines,component,recipe,plan."
         )
+    if vectors.is_one_hot and config.policy not in (None, "attention", "pairs"):
+        raise ConfigError(
+            f"`policy` {config.policy} takes no one-hot vectors; choose `features` random, which "
+            "have no meaning either."
+        )
     if config.policy == "mlp":
         return MLPPolicy(config, vectors, num_slots)
     if config.policy == "pairs":

@@ -211,9 +211,7 @@ def written(features, folder_of_config_file):
     return str(read_config(folder_of_config_file)[1]["features"])
 
 
-@pytest.mark.parametrize(
-    "name", ["glove", "one-hot", "random", "learned", "shuffled:glove", "shuffled:learned"]
-)
+@pytest.mark.parametrize("name", ["glove", "one-hot", "random", "shuffled:glove"])
 def test_a_name_of_features_stays_though_a_file_is_called_so(folder_of_config_file, name):
     Path(name.removeprefix("shuffled:")).write_text("a file of mine")
     assert written(name, folder_of_config_file) == name
@@ -235,7 +233,6 @@ def test_a_file_of_features_is_found_from_the_run_s_folder(folder_of_config_file
     ("text", "source", "is_path"),
     [
         ("glove", "glove", False),
-        ("learned", "learned", False),
         ("shuffled:shuffled:random", "random", False),
         ("./glove", "./glove", True),
         ("shuffled:vec.txt", "vec.txt", True),

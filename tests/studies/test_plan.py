@@ -163,7 +163,6 @@ def test_defaults_are_those_that_addresses_stand_for():
         128,
         0.3,
         0.5,
-        50,
         "u,v",
         0,
         False,
@@ -194,7 +193,7 @@ def test_defaults_are_those_that_addresses_stand_for():
     )
     expected = {
         TaskConfig: (1, 8, None, "sparse", "use", "any", "task", "all", False),
-        PolicyConfig: (*policy, False, "softmax", False),
+        PolicyConfig: (*policy, False, False),
         ImpalaConfig: (*trainer, 10_000, 100_000, 100_000),
         SplitConfig: ("by-recipe", 0.8, 0.0, 0),
     }
@@ -257,7 +256,6 @@ def test_defaults_are_those_that_addresses_stand_for():
             "no setting 'scorer.model'",
         ),
         ('[variants.odd]\nplayer = "planner"\nscorer = "partial"', "by a recipe scorer"),
-        ('[variants.odd]\nplayer = "nearest words"\nfeatures = "learned"', "cannot be 'learned'"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_before_anything_starts(more, said):

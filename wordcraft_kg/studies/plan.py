@@ -29,7 +29,7 @@ from wordcraft_kg.base import (
     sha256_of,
     whole,
 )
-from wordcraft_kg.base.settings import LEARNED, NAMES, SHUFFLED
+from wordcraft_kg.base.settings import SHUFFLED, VECTORS
 from wordcraft_kg.graphs import (
     SPLITS,
     RecipeGraph,
@@ -411,10 +411,6 @@ class _Planner:
                     f"player '{player}' plays a book of pairs by a recipe scorer; give it a scorer "
                     f"with command '{RecipeScorerConfig.command}'."
                 )
-        elif settings.get("features") == LEARNED:
-            raise ConfigError(
-                f"player '{player}' learns nothing, so its features cannot be '{LEARNED}'."
-            )
         described = {"graph": graph, "scorer": scorer, "settings": settings}
         described |= self._content(settings.get("features"))
         title = f"{cell.variant}{_values(cell.values)}, {self.tasks[graph].title}"
@@ -442,16 +438,13 @@ def content_of(features: Value | None) -> dict[str, str]:
     Raises:
         ConfigError: if the file is missing.
     """
-    spec = FeatureSpec.parse(LEARNED if features is None else str(features))
+    spec = FeatureSpec.parse("glove" if features is None else str(features))
     if not spec.is_path:
         return {}
     path = Path(spec.source)
     if not path.exists():
-        expected = (
-            f"a file or folder, or one of {', '.join(NAMES)}; all but the last perhaps after "
-            f"'{SHUFFLED}'"
-        )
-        raise refuse("features", features, expected, nearest(spec.source, NAMES))
+        expected = f"a file or folder, or one of {', '.join(VECTORS)}, perhaps after '{SHUFFLED}'"
+        raise refuse("features", features, expected, nearest(spec.source, VECTORS))
     path = path / ENCODED if path.is_dir() else path
     files = [path]
     # An array has its labels in a file beside it.

@@ -11,7 +11,7 @@ The page docs/outside-knowledge.md has a row for each table, and says what tripl
 import operator
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -144,15 +144,18 @@ def with_descriptions(network: Network, alignment: Alignment, entities: Sequence
     """
     # The same words occur in most definitions.
     base_form = cache(network.base_form)
-    definitions = []
-    for gloss in network.glosses:
-        words = _WORD.findall(plain(gloss))
-        definitions.append([base_form(word) for word in words])
     phrases = _phrases(network, alignment, entities)
-    # Sorted, because sets have no order that is the same in every process.
-    mentions = sorted(_mentions(definitions, phrases))
+    longest = max((phrase.count(" ") + 1 for phrase in phrases), default=0)
+    mentions: set[tuple[int, int]] = set()
+    for node, gloss in enumerate(network.glosses):
+        words = [base_form(word) for word in _WORD.findall(plain(gloss))]
+        for start, size in product(range(len(words)), range(1, longest + 1)):
+            # A definition that names its own node says nothing.
+            named = phrases.get(" ".join(words[start : start + size]), set()) - {node}
+            mentions.update((node, entity) for entity in named)
     # Without mentions, the reshape makes two columns all the same.
-    edges = np.array(mentions, dtype=np.int64).reshape(-1, 2)
+    # Sorted, because sets have no order that is the same in every process.
+    edges = np.array(sorted(mentions), dtype=np.int64).reshape(-1, 2)
     num_nodes = len(network.nodes)
     tail = edges[:, 1]
     log_counts = np.log1p(np.bincount(tail, minlength=num_nodes))
@@ -184,22 +187,6 @@ def _phrases(
     return phrases
 
 
-def _mentions(
-    definitions: Sequence[Sequence[str]],
-    phrases: dict[str, set[int]],
-) -> Iterator[tuple[int, int]]:
-    """Yield pairs of a node and another one that its definition names."""
-    longest = max((phrase.count(" ") + 1 for phrase in phrases), default=0)
-    for head, words in enumerate(definitions):
-        tails: set[int] = set()
-        for start, size in product(range(len(words)), range(1, longest + 1)):
-            phrase = " ".join(words[start : start + size])
-            tails |= phrases.get(phrase, set())
-        # A definition that names its own node says nothing.
-        for tail in tails - {head}:
-            yield head, tail
-
-
 def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats]:
     """Return weights of walks with 1, 2 and 3 steps between entities, shape (E, E) each.
 
@@ -212,7 +199,7 @@ def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats
     """
     size = len(network.nodes)
     # Half the memory of 64 bits; walks are rounded to 16 bits later.
-    links = network.links().astype(np.float32)
+    links = network.links(network.relations).astype(np.float32)
     links = links + links.T
     links = _divided(links, links.sum(1))
     confidences = alignment.matrix(size).astype(np.float32)
@@ -262,7 +249,7 @@ def make_tables(network: Network, alignment: Alignment) -> list[Table]:
 
 def _forward_walks(network: Network, confidences: sparse.csr_array) -> list[Floats]:
     """Return weights of walks with 1 and 2 steps along the edges' directions, (E, E) each."""
-    links = network.links()
+    links = network.links(network.relations)
     links = _divided(links, (links + links.T).sum(1))
     first = confidences @ links
     last = links @ confidences.T

@@ -22,6 +22,7 @@ import numpy as np
 import torch
 from pykeen.models import Model
 from pykeen.triples import TriplesFactory
+from pykeen.utils import set_random_seed
 
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.tensors import torch_threads
@@ -184,9 +185,7 @@ def seed_everything(seed: int, epoch: int = 0) -> None:
     # A hash of both numbers: seed + epoch would give seed 1 the random numbers of seed 0, an epoch
     # later.
     value = int(np.random.SeedSequence([seed, epoch]).generate_state(1)[0])
-    random.seed(value)
-    np.random.seed(value)  # noqa: NPY002 - PyKEEN's negative samplers use this generator
-    torch.manual_seed(value)
+    set_random_seed(value)
 
 
 @contextmanager

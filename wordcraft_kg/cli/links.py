@@ -119,10 +119,12 @@ def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
         trained.opened,
         trained.kg,
         train_sample=trained.train_sample,
-        made_by_other_books=trained.made_by_other_books,
+        made_by_other_books=trained.history.made_by_other_books,
         max_queries=max_queries,
     )
-    view = view_links(links, name=model.name, provenance=trained.provenance, trace=trained.trace)
+    view = view_links(
+        links, name=model.name, provenance=trained.provenance, trace=trained.history.trace
+    )
     write_report(make_link_report(view, links.labelled_ranks), folder, force=force)
     rows = _rows_of_evaluation(view)
     text = [

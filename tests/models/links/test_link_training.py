@@ -46,7 +46,7 @@ from wordcraft_kg.models.links.fitting import (
     POPULARITY,
     choose,
     fit,
-    split_of_train,
+    folds_of_train,
 )
 from wordcraft_kg.models.links.link_config import N3_PARTIAL, LinkSettings
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, read_outside, triples_factory
@@ -391,9 +391,8 @@ TABLE = '[train-complex]\ngraph = "kitchen"\n'
 def test_a_missing_or_damaged_config_file_is_an_error_that_names_it(tmp_path, text):
     if text is not None:
         (tmp_path / "config.toml").write_bytes(text.encode(errors="surrogateescape"))
-    with pytest.raises(
-        ArtefactError, match=rf"config\.toml is {'missing' if text is None else 'damaged'}"
-    ):
+    says = "is missing" if text is None else "(is damaged|: this version has no setting 'epoch')"
+    with pytest.raises(ArtefactError, match=rf"config\.toml ?{says}"):
         LinksConfig.read(tmp_path)
 
 
@@ -577,7 +576,8 @@ def chosen(opened, settings):
 
 
 def of_train(split, seed=3):
-    return split_of_train(split, seed, split.sets("train"))
+    (fold,) = folds_of_train(split, split.sets("train"), seed, 1)
+    return fold
 
 
 def opened(graph, **settings):

@@ -144,7 +144,13 @@ def with_descriptions(network: Network, alignment: Alignment, entities: Sequence
     """
     # The same words occur in most definitions.
     base_form = cache(network.base_form)
-    phrases = _phrases(network, alignment, entities)
+    # The entities' nodes by their names in base forms, with blanks between words.
+    phrases = defaultdict[str, set[int]](set)
+    for label, entity_node in zip(entities, alignment.nodes.tolist(), strict=True):
+        if entity_node >= 0:
+            for name in (*network.lemmas[entity_node], label):
+                base_forms = map(base_form, plain(name).split())
+                phrases[" ".join(base_forms)].add(entity_node)
     longest = max((phrase.count(" ") + 1 for phrase in phrases), default=0)
     mentions: set[tuple[int, int]] = set()
     for node, gloss in enumerate(network.glosses):
@@ -169,22 +175,6 @@ def with_descriptions(network: Network, alignment: Alignment, entities: Sequence
         edges=np.concatenate([network.edges, rows]),
         weights=np.concatenate([network.weights, weights]),
     )
-
-
-def _phrases(
-    network: Network,
-    alignment: Alignment,
-    entities: Sequence[str],
-) -> dict[str, set[int]]:
-    """Return the entities' nodes by their names in base forms, with blanks between words."""
-    phrases = defaultdict[str, set[int]](set)
-    for entity, node in enumerate(alignment.nodes.tolist()):
-        if node < 0:
-            continue
-        for name in (*network.lemmas[node], entities[entity]):
-            base_forms = map(network.base_form, plain(name).split())
-            phrases[" ".join(base_forms)].add(node)
-    return phrases
 
 
 def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats]:
@@ -242,18 +232,13 @@ def make_tables(network: Network, alignment: Alignment) -> list[Table]:
         parts = _parts(network, confidences)
         tables.append(_named("part", parts, "{ingredient} is part of {result}"))
     if not network.glosses:
-        forward = _damped(_forward_walks(network, confidences))
-        tables.append(_named("forward", forward, "{ingredient} leads to {result}"))
+        links = network.links(network.relations)
+        links = _divided(links, (links + links.T).sum(1))
+        first = confidences @ links
+        last = links @ confidences.T
+        walks = [(first @ confidences.T).toarray(), (first @ last).toarray()]
+        tables.append(_named("forward", _damped(walks), "{ingredient} leads to {result}"))
     return tables
-
-
-def _forward_walks(network: Network, confidences: sparse.csr_array) -> list[Floats]:
-    """Return weights of walks with 1 and 2 steps along the edges' directions, (E, E) each."""
-    links = network.links(network.relations)
-    links = _divided(links, (links + links.T).sum(1))
-    first = confidences @ links
-    last = links @ confidences.T
-    return [(first @ confidences.T).toarray(), (first @ last).toarray()]
 
 
 def _divided(links: sparse.csr_array, degrees: Floats) -> sparse.csr_array:

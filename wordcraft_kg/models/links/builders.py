@@ -30,7 +30,6 @@ from wordcraft_kg.base import ConfigError, nearest, refuse
 from wordcraft_kg.graphs import RELATIONS, Ids
 from wordcraft_kg.models.links.link_config import (
     ComplExConfig,
-    LinkModelConfig,
     LinkSettings,
 )
 from wordcraft_kg.models.links.pykeen_bridge import all_scores
@@ -58,7 +57,34 @@ def make_training_loop(
     """
     if isinstance(config, ComplExConfig):
         return _complex_loop(config, factory, num_entities)
-    return _pykeen_loop(config, factory)
+    is_softmax = config.loop == "symmetric"
+    kind = model_class(config.model)
+    try:
+        model = kind(
+            triples_factory=factory,
+            embedding_dim=config.dim,
+            loss=loss_resolver.make("crossentropy" if is_softmax else "nssa"),
+            random_seed=config.seed,
+        ).to(config.device)
+    except (TypeError, ValueError, NotImplementedError, AttributeError, AssertionError) as error:
+        # Raised by models that need more than triples (literals, inverse triples).
+        raise ConfigError(
+            f"`model` {config.model!r}: PyKEEN cannot build this model for a recipe graph "
+            f"({error!r})."
+        ) from None
+    sampling: dict[str, Any] = {}
+    if not is_softmax:
+        sampling["negative_sampler_kwargs"] = {"num_negs_per_pos": config.negatives}
+    return training_loop_resolver.lookup("symmetriclcwa" if is_softmax else "slcwa")(
+        model=model,
+        triples_factory=factory,
+        # PyKEEN searches the largest batch for GPUs; on a CPU the search would only waste two
+        # batches.
+        automatic_memory_optimization=model.device.type == "cuda",
+        optimizer="Adam",
+        optimizer_kwargs={"lr": config.learning_rate},
+        **sampling,
+    )
 
 
 def check_table_fits(model: str, num_entities: int) -> None:
@@ -152,9 +178,9 @@ def model_class(name: str) -> type[Model]:
     """Return the PyKEEN model class with a given name, in any case of letters.
 
     Raises:
-        ConfigError: for an unknown model (the error names all of them, and the nearest), a model
-            without embeddings, or ComplEx, which means the paper's model and has its own training
-            command.
+        ConfigError: for an unknown model or one without embeddings (the error names all with
+            embeddings, and the nearest), or ComplEx, which means the paper's model and has its own
+            training command.
     """
     if name.lower() == "complex":
         raise ConfigError(
@@ -163,49 +189,12 @@ def model_class(name: str) -> type[Model]:
             "PyKEEN's ComplEx with sampled negatives, use "
             'pipeline(dataset="wordcraft", model="ComplEx").'
         )
-    models = model_resolver.lookup_dict
-    if name.lower() not in models:
-        names = sorted(known for known, kind in models.items() if issubclass(kind, ERModel))
+    models = model_resolver.lookup_dict.items()
+    embedding_models = {known: kind for known, kind in models if issubclass(kind, ERModel)}
+    if name.lower() not in embedding_models:
+        names = sorted(embedding_models)
         raise refuse("model", name, f"one of {', '.join(names)}", nearest(name.lower(), names))
-    kind: type[Model] = models[name.lower()]
-    if not issubclass(kind, ERModel):
-        raise ConfigError(
-            f"`model` {name!r} learns no embeddings; expected a PyKEEN embedding model, as "
-            "'rotate'."
-        )
-    return kind
-
-
-def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLoop:
-    """Build any PyKEEN model but ComplEx, with its objective: softmax, or sampled negatives."""
-    is_softmax = config.loop == "symmetric"
-    kind = model_class(config.model)
-    try:
-        model = kind(
-            triples_factory=factory,
-            embedding_dim=config.dim,
-            loss=loss_resolver.make("crossentropy" if is_softmax else "nssa"),
-            random_seed=config.seed,
-        ).to(config.device)
-    except (TypeError, ValueError, NotImplementedError, AttributeError, AssertionError) as error:
-        # Raised by models that need more than triples (literals, inverse triples).
-        raise ConfigError(
-            f"`model` {config.model!r}: PyKEEN cannot build this model for a recipe graph "
-            f"({error!r})."
-        ) from None
-    sampling: dict[str, Any] = {}
-    if not is_softmax:
-        sampling["negative_sampler_kwargs"] = {"num_negs_per_pos": config.negatives}
-    return training_loop_resolver.lookup("symmetriclcwa" if is_softmax else "slcwa")(
-        model=model,
-        triples_factory=factory,
-        # PyKEEN searches the largest batch for GPUs; on a CPU the search would only waste two
-        # batches.
-        automatic_memory_optimization=model.device.type == "cuda",
-        optimizer="Adam",
-        optimizer_kwargs={"lr": config.learning_rate},
-        **sampling,
-    )
+    return embedding_models[name.lower()]
 
 
 # --- popularity -----------------------------------------------------------------------------------
@@ -223,14 +212,11 @@ def log_counts(triples: Ids, num_entities: int) -> tuple[torch.Tensor, torch.Ten
         (R, E).
     """
     heads, relations, tails = triples.T
-
-    def log_count(ends: Ids) -> torch.Tensor:
-        cells = relations * num_entities + ends
-        counts = np.bincount(cells, minlength=len(RELATIONS) * num_entities)
-        logs = np.log1p(counts).astype(np.float32)
-        return torch.from_numpy(logs).reshape(len(RELATIONS), num_entities)
-
-    return log_count(heads), log_count(tails)
+    counts = np.zeros((2, len(RELATIONS), num_entities))
+    np.add.at(counts[0], (relations, heads), 1)
+    np.add.at(counts[1], (relations, tails), 1)
+    as_head, as_tail = torch.from_numpy(np.log1p(counts).astype(np.float32))
+    return as_head, as_tail
 
 
 def with_popularity(

@@ -16,6 +16,7 @@ docs/evidence/links.md#complex measures the choice.
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from itertools import count, product
 from typing import Any
@@ -214,7 +215,7 @@ def choose(
         return None
     weights = N3 if is_small else (N3_PARTIAL,)
     num_folds = FOLDS if is_small else 1
-    folds = list(_folds(split, recipes, settings.seed, num_folds))
+    folds = list(folds_of_train(split, recipes, settings.seed, num_folds))
     queries = 2 * sum(len(_queries(fold)) for fold in folds)
     if queries < 2 * MIN_TRIPLES:
         return None
@@ -248,16 +249,30 @@ def choose(
     )
 
 
-def _folds(split: Split, recipes: Ids, seed: int, number: int) -> Iterator[Split]:
-    """Yield the splits of train recipes that leave something to rank, at most ``number``."""
+def folds_of_train(split: Split, recipes: Ids, seed: int, number: int) -> Iterator[Split]:
+    """Yield splits of train recipes into a train and a test part, with the same kind of split.
+
+    Settings chosen on these test parts have seen neither the validation nor the test recipes. With
+    the same kind of split, the choice meets the same difficulty as the test: whole goals are held
+    out for by-goal, single pairs for by-recipe. There is no validation part.
+
+    Args:
+        split: split whose train recipes are split again.
+        recipes: train recipes to split, rows of ``graph.sets``.
+        seed: seed of the first draw.
+        number: most splits; those that leave nothing to rank are left out.
+
+    Yields:
+        a split of a graph with these recipes and all entities, with the same entity ids.
+    """
+    graph = RecipeGraph(split.graph.entities, recipes, split.graph.base_ids, split.graph.name)
     for fold_seed in range(seed, seed + number):
-        try:
-            fold = split_of_train(split, fold_seed, recipes)
-        except SplitError:
-            # Happens in small books if most entities occur only once.
-            continue
-        if len(fold.held_out("test")):
-            yield fold
+        config = SplitConfig(split.config.kind, train_ratio=1 - HELD_OUT, seed=fold_seed)
+        # A part may be empty in small books if most entities occur only once.
+        with suppress(SplitError):
+            fold = make_split(graph, config)
+            if len(fold.held_out("test")):
+                yield fold
 
 
 def _queries(fold: Split) -> Ids:
@@ -292,25 +307,3 @@ def _reciprocal_ranks(
         ranks = rank_triples(scorer, queries, graph.triples)
         sums.append(float((1 / ranks["rank"]).sum()))
     return np.array(sums)
-
-
-def split_of_train(split: Split, seed: int, recipes: Ids) -> Split:
-    """Split the train recipes again into a train and a test part, with the same kind of split.
-
-    Settings chosen on this test part have seen neither the validation nor the test recipes. With
-    the same kind of split, the choice meets the same difficulty as the test: whole goals are held
-    out for by-goal, single pairs for by-recipe. There is no validation part.
-
-    Args:
-        split: split whose train recipes are split again.
-        seed: seed of the draw.
-        recipes: train recipes to split, rows of ``graph.sets``.
-
-    Returns:
-        a split of a graph with these recipes and all entities, with the same entity ids.
-
-    Raises:
-        SplitError: if a part is empty, because there are too few train recipes.
-    """
-    graph = RecipeGraph(split.graph.entities, recipes, split.graph.base_ids, split.graph.name)
-    return make_split(graph, SplitConfig(split.config.kind, train_ratio=1 - HELD_OUT, seed=seed))

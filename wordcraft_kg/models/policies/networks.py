@@ -91,21 +91,17 @@ class AttentionPolicy(Policy):
         elif self.sources:
             self.mixture = _head(vectors.dim, config.value_size, len(self.labels))
             if config.lambda_form == "free":
-                self._set_first_lambdas()
+                # λ begin at or near the first mixing weights.
+                self.mixture.get_parameter("2.bias").data.copy_(self.first_lambdas())
+                if self.looks_ahead:
+                    # Exactly the planner; otherwise the drawn weights add small differences.
+                    nn.init.zeros_(self.mixture.get_parameter("2.weight"))
         if config.sees_attempts:
             # Zeros, so that a policy starts like one that does not see attempts.
             self.phases = Phases(vectors.dim, len(self.labels))
         self.most_picks = most_picks
         if most_picks:
             self.combine = Combine(vectors.dim, most_picks)
-
-    @torch.no_grad()
-    def _set_first_lambdas(self) -> None:
-        """Let the network for λ begin at or near the first mixing weights."""
-        self.mixture.get_parameter("2.bias").copy_(self.first_lambdas())
-        if self.looks_ahead:
-            # Exactly the planner; otherwise the drawn weights add small differences.
-            nn.init.zeros_(self.mixture.get_parameter("2.weight"))
 
     def weights(  # noqa: D102 - inherited
         self, generator: torch.Generator | None = None

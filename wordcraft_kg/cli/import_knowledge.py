@@ -30,8 +30,8 @@ def import_knowledge(
 
     Args:
         wordnet: folder with WordNet's database files, such as data.noun and index.noun.
-        triples: file of head, relation and tail with tabs between them; or, below a header with
-            these names and perhaps weight, with tabs or commas; plain or gzipped.
+        triples: file of head, relation and tail with tabs between them, perhaps below a header
+            with these names and perhaps weight; plain or gzipped.
         overrides: file with a label, a tab and a node on each line, as in the output's
             alignment.tsv; without a node, the label is left out.
         out: knowledge folder to write. Default: knowledge/<graph name>-<wordnet or triples>.

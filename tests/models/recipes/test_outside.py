@@ -254,7 +254,7 @@ def test_a_zero_shot_scorer_has_seen_no_recipe_of_the_book(opened, teacher, tmp_
     )
     parts = np.where(is_in(graph.recipes, held_out, 12), 2, 0).astype(np.int8)
     other = replace(opened, graph=graph, split=Split(graph, opened.split.config, parts))
-    folds = [join_books([teacher], each, "random", folds=3).folds.hash for each in (opened, other)]
+    folds = [join_books([teacher], each, "random", folds=3)[2].hash for each in (opened, other)]
     assert folds[0] == folds[1]
 
 

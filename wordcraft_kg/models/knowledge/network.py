@@ -178,7 +178,8 @@ def align(network: Network, entities: Sequence[str]) -> Alignment:
     Returns:
         The first sense of each entity, with less confidence where there are further ones.
     """
-    joined = _joined(network, entities)
+    # Spellings in several words by the label that joins them: "fire truck" by firetruck.
+    joined = {text.replace(" ", ""): text for text in network.spellings if " " in text}
     spelled = [_spelling(label, network, joined) for label in entities]
     nodes = np.full(len(entities), -1)
     confidences = np.zeros(len(entities))
@@ -191,14 +192,6 @@ def align(network: Network, entities: Sequence[str]) -> Alignment:
             confidences[entity] = METHODS[method] * chance
     methods = tuple(method for method, _ in spelled)
     return Alignment(nodes, methods, confidences)
-
-
-def _joined(network: Network, entities: Sequence[str]) -> dict[str, str]:
-    """Return spellings in several words by the label that joins them: "fire truck" by firetruck."""
-    joined_labels = {plain(label).replace(" ", "") for label in entities}
-    spaced = (text for text in network.spellings if " " in text)
-    joined = ((text.replace(" ", ""), text) for text in spaced)
-    return {short: text for short, text in joined if short in joined_labels}
 
 
 def _spelling(label: str, network: Network, joined: dict[str, str]) -> tuple[str, str]:

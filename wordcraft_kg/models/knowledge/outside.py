@@ -7,6 +7,7 @@ ranker does with a feature.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,15 +22,18 @@ from wordcraft_kg.graphs import (
     OUTSIDE,
     Folds,
     OpenedGraph,
+    RecipeGraph,
+    SplitConfig,
     TrainSample,
     make_folds,
+    make_split,
 )
 from wordcraft_kg.models.knowledge.books import (
     OtherBook,
     OutsideSource,
     Words,
-    joined,
     open_other_book,
+    recipes_together,
     with_words_of,
 )
 from wordcraft_kg.models.knowledge.knowledge_folder import (
@@ -139,9 +143,9 @@ def _of_folder(spec: str, entities: Sequence[str]) -> tuple[KnowledgeTables, Out
         ConfigError: if the folder describes none of the entities.
         ArtefactError: if the folder is incomplete or damaged.
     """
-    knowledge = read_knowledge(spec)
+    knowledge = read_knowledge(spec).of_entities(entities)
     name = knowledge.record.source
-    coverage = knowledge.coverage(entities)
+    coverage = knowledge.coverage()
     if not coverage:
         raise ConfigError(
             f"`with` '{spec}': {name} describes none of the {len(entities):,} entities, such as "
@@ -149,7 +153,7 @@ def _of_folder(spec: str, entities: Sequence[str]) -> tuple[KnowledgeTables, Out
         )
     sha256 = knowledge_files(spec).run.outputs[TABLES]
     source = OutsideSource(name=name, kind="tables", sha256=sha256, coverage=coverage)
-    return knowledge.of_entities(entities), source
+    return knowledge, source
 
 
 def describe_source(source: OutsideSource) -> str:
@@ -199,23 +203,6 @@ def _by_feature(features: Tensor) -> tuple[Tensor, ...]:
 # --- other books alone ----------------------------------------------------------------------------
 
 
-class JointBook(NamedTuple):
-    """Other books' recipes over a joint vocabulary with a graph's entities.
-
-    Attributes:
-        opened: the joint graph; all recipes are train recipes. Without a book, the graph itself.
-        own: ids of the graph's entities in the joint graph, shape (E,).
-        folds: folds of the recipes; without recipes if no source is a book.
-        outside: knowledge from sources that are not books, for the joint graph, and the books'
-            counts.
-    """
-
-    opened: OpenedGraph
-    own: Tensor
-    folds: Folds
-    outside: OutsideKnowledge
-
-
 def join_books(
     specs: Sequence[str],
     opened: OpenedGraph,
@@ -224,7 +211,7 @@ def join_books(
     folds: int,
     allow_missing: bool = False,
     keep_train: bool = True,
-) -> JointBook:
+) -> tuple[OpenedGraph, Tensor, Folds, OutsideKnowledge]:
     """Join other books with a graph's entities, without the graph's own recipes.
 
     Args:
@@ -236,6 +223,12 @@ def join_books(
         allow_missing: use zeros for labels without a vector.
         keep_train: keep recipes of other books that are also train recipes of the graph; test
             recipes are always left out.
+
+    Returns:
+        the joint graph, whose recipes are all train recipes, or the graph itself without a book;
+        ids of the graph's entities in it, shape (E,); folds of its recipes, without recipes if no
+        source is a book; and knowledge from sources that are not books, for the joint graph, with
+        the books' counts.
 
     Raises:
         ConfigError: if there is no source, or a source does not fit the graph.
@@ -253,7 +246,11 @@ def join_books(
         books.append(other_book)
     no_books = [spec for spec in specs if not is_book(spec)]
     if books:
-        joint, ids = joined(books, opened)
+        labels = sorted(set(chain.from_iterable(book.labels for book in books)))
+        name = f"books for {opened.graph.name}"
+        graph = RecipeGraph(labels, recipes_together(books, labels), [], name=name)
+        joint = OpenedGraph(graph, make_split(graph, SplitConfig("none")), opened.source)
+        ids = graph.ids_of(opened.graph.entities)
         joint_folds = make_folds(joint.split, folds)
     else:
         # Tables alone: there is nothing to join, and no recipe to learn from.
@@ -267,4 +264,4 @@ def join_books(
     sources = open_outside(no_books, joint, features, allow_missing=allow_missing)
     book_sources = [book.source for book in books]
     outside = OutsideKnowledge(sources.tables, (*book_sources, *sources.sources))
-    return JointBook(joint, torch.from_numpy(ids), joint_folds, outside)
+    return joint, torch.from_numpy(ids), joint_folds, outside

@@ -11,7 +11,6 @@ The page docs/outside-knowledge.md describes the formats, and says where the fil
 Source: WordNet 3.0 manual, wndb(5).
 """
 
-import csv
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -29,19 +28,18 @@ HEADER = ("head", "relation", "tail")
 HEAVIEST = 1e30
 """Weights are below: sums must fit into 32-bit numbers."""
 EXPECTED = (
-    "expected head, relation and tail with tabs between them, or below a header with these names "
-    "and perhaps weight (positive numbers), with tabs or commas, in UTF-8. "
-    "`wordcraft-kg export --format tsv` and DataFrame.to_csv of pandas write such a table"
+    "expected head, relation and tail with tabs between them, perhaps below a header with these "
+    "names and perhaps weight (positive numbers), in UTF-8. `wordcraft-kg export --format tsv` and "
+    "DataFrame.to_csv(sep='\\t') of pandas write such a table"
 )
 _EDGE = np.dtype([("ids", np.int64, 3), ("weight", np.float32)])
 """Ids of head, relation and tail, and the weight of a line."""
 
 
 def read_triples(path: Path) -> Network:
-    """Read a table of triples: tabs between head, relation and tail, or a header with these names.
+    """Read a table of triples: tabs between head, relation and tail, perhaps below these names.
 
-    A header may have the columns in any order, and a weight. Its columns are separated by tabs, or
-    by commas with quotation marks where a cell holds a comma. The weight of an edge becomes
+    A header may have the columns in any order, and a weight. The weight of an edge becomes
     log(1 + w) of the sum w over its lines.
 
     Raises:
@@ -81,22 +79,17 @@ def _rows(
 ) -> Iterator[tuple[tuple[int, int, int], float]]:
     """Yield ids and weight of each line; a new name gets the next number in its dictionary."""
     header: list[str] = []
-    has_tabs = False
     for number, line in read_lines(path, KnowledgeFileError):
         if line.isspace():
             continue
         try:
-            text = line.decode().strip("\r\n")
-            # The header decides: a label in a row may hold either character.
-            has_tabs = has_tabs or (not header and "\t" in text)
-            cells = text.split("\t") if has_tabs else next(csv.reader([text]))
-            row = [" ".join(cell.split()) for cell in cells]
+            row = [" ".join(cell.split()) for cell in line.decode().split("\t")]
             if not header:
                 header = [name.casefold() for name in row]
                 if sorted(header) in (sorted(HEADER), sorted((*HEADER, "weight"))):
                     continue
-                # Our exports, and data sets of link prediction, have tabs and no header.
-                if not has_tabs or not set(HEADER).isdisjoint(header):
+                # Our exports, and data sets of link prediction, have no header.
+                if not set(HEADER).isdisjoint(header):
                     raise ValueError
                 header = list(HEADER)
             by_name = dict(zip(header, row, strict=True))
@@ -104,7 +97,7 @@ def _rows(
             # Not a number fails both comparisons.
             if not all(row) or not 0 < weight < HEAVIEST:
                 raise ValueError
-        except (ValueError, csv.Error):
+        except ValueError:
             shown = line[:80].decode(errors="replace").strip()
             raise KnowledgeFileError(
                 f"{path}, line {number:,}: '{shown}'; {EXPECTED}. Restore a copy of the file, or "

@@ -444,11 +444,8 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             if report:
                 num_epochs = sum(epochs.values())
                 total = settings.epochs * (1 + folds.count)
-                figures: dict[str, float] = {
-                    "fold": min(1 + num_epochs // settings.epochs, folds.count),
-                    "folds": folds.count,
-                }
-                report(settings.epochs + num_epochs, total, figures)
+                number = min(1 + num_epochs // settings.epochs, folds.count)
+                report(settings.epochs + num_epochs, total, {"fold": number, "folds": folds.count})
 
         # On a GPU, several processes would share one device.
         is_long = seconds >= LONG and torch.device(settings.device).type == "cpu"

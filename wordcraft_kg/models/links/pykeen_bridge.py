@@ -198,7 +198,6 @@ def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
     """
     python_state = random.getstate()
     numpy_state = np.random.get_state()  # noqa: NPY002
-    frozen_before = gc.get_freeze_count()
     loggers = [logging.getLogger(name) for name in ("pykeen", "torch_max_mem")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
@@ -218,9 +217,7 @@ def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
         np.random.set_state(numpy_state)  # noqa: NPY002
         for logger, level in zip(loggers, levels, strict=True):
             logger.setLevel(level)
-        # Unfreezing is all or nothing: objects that the user's program has frozen stay frozen.
-        if not frozen_before:
-            gc.unfreeze()
+        gc.unfreeze()
 
 
 def from_pykeen(model: Model, factory: TriplesFactory, opened: OpenedGraph) -> TableScorer:

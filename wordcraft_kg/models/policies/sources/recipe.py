@@ -39,7 +39,6 @@ _BEAM = 16
 _MOST_SETS = 256
 """Most sets of a table that are kept; others count by their score alone."""
 _MOST_TABLES = 8_192
-_PAIR = 2
 _Scores = NDArray[np.float32]
 
 
@@ -200,7 +199,7 @@ class BestSet(FoldedSource):
         table = states.table[0].cpu().numpy()
         selection = [entity for entity in states.selection.flatten().tolist() if entity != nothing]
         entities = sorted({*table.tolist(), *selection} - {nothing})
-        sizes = range(_PAIR, _PAIR + 1)
+        sizes = range(2, 3)
         if states.has_combine:
             sizes = range(1, states.selection.shape[1] + 1)
         attempts = [number for part in self.attempts(states) for number in part.flatten().tolist()]

@@ -520,7 +520,7 @@ def test_the_saved_model_holds_the_entities_and_the_two_relations_alone(joint, o
     assert (metrics.outside.triples, metrics.outside.nodes, metrics.outside.relations) == (3, 2, 2)
     assert metrics.outside.coverage == 2 / 80
     assert metrics.triples == len(opened_kitchen.split.partial)
-    assert "3 outside triples, 2 relations, 2 nodes" in (joint.folder / "README.md").read_text()
+    assert "outside triples: 3, relations: 2, nodes" in (joint.folder / "README.md").read_text()
 
 
 def test_folders_share_nodes_and_relations(tmp_path):

@@ -248,10 +248,8 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def _hashes(path: Path) -> dict[str, str]:
     """Return the hash of a file, or of each file in a folder, by name."""
-    files = [path]
-    if path.is_dir():
-        files = sorted(file for file in path.iterdir() if file.is_file())
-    return {file.name: sha256_of(file) for file in files}
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    return {file.name: sha256_of(file) for file in files if file.is_file()}
 
 
 def _card(view: ImportedKnowledge, opened: OpenedGraph, kind: Kind) -> str:

@@ -262,6 +262,6 @@ def join_books(
     if no_books:
         check_table("outside knowledge of all books", joint.graph.num_entities)
     sources = open_outside(no_books, joint, features, allow_missing=allow_missing)
-    book_sources = [book.source for book in books]
-    outside = OutsideKnowledge(sources.tables, (*book_sources, *sources.sources))
+    every_source = (*(book.source for book in books), *sources.sources)
+    outside = OutsideKnowledge(sources.tables, every_source)
     return joint, torch.from_numpy(ids), joint_folds, outside

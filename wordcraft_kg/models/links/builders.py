@@ -110,8 +110,8 @@ def scorer_tensors(
     """Return the kind and tensors of the scorer that a trained model becomes.
 
     ComplEx becomes its embeddings, popularity included; any other model becomes a table of all
-    triples' scores, beside the model's own parameters, where that fits the limit. In a larger book
-    only DistMult passes the check: it is ComplEx without imaginary parts.
+    triples' scores, where that fits the limit. In a larger book only DistMult passes the check: it
+    is ComplEx without imaginary parts.
 
     Args:
         config: settings of the model.
@@ -129,10 +129,7 @@ def scorer_tensors(
     if not has_table(model.num_entities):
         return ComplExScorer.kind, _embeddings(model, num_entities)
     entities = torch.arange(model.num_entities)
-    tensors = {"scores": all_scores(model, entities, range(len(RELATIONS)))}
-    for name, value in model.state_dict().items():
-        tensors[f"pykeen.{name}"] = value.cpu()
-    return TableScorer.kind, tensors
+    return TableScorer.kind, {"scores": all_scores(model, entities, range(len(RELATIONS)))}
 
 
 def _complex_loop(

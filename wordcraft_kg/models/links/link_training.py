@@ -137,11 +137,7 @@ class _Job:
         factory = triples_factory(self.graph, self.triples, self.outside)
         model = fit(self.settings, factory, after_epoch, size)
         _, tensors = scorer_tensors(self.settings, model, self.triples, size)
-        # A table needs no model parameters.
-        stored = {
-            name: tensor for name, tensor in tensors.items() if not name.startswith("pykeen.")
-        }
-        fold_models(self.folder).save(self.fold, copied(stored), self.done)
+        fold_models(self.folder).save(self.fold, copied(tensors), self.done)
 
     @property
     def done(self) -> FoldDone:

@@ -402,8 +402,7 @@ class MLPPolicy(Policy):
         inner = torch.relu(linear(inputs, weights["hidden.weight"], weights["hidden.bias"]))
         logits = linear(inner, weights["logits.weight"], weights["logits.bias"])
         value = linear(inner, weights["value.weight"], weights["value.bias"])
-        is_empty = table == self.num_entities
-        return PolicyOutput(logits.masked_fill(is_empty, -torch.inf), value[:, 0])
+        return self.mixed(logits, value[:, 0], table != self.num_entities, None, None)
 
 
 class NetworkPolicy(Policy):

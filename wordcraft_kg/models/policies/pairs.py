@@ -355,10 +355,9 @@ def _membership(slots: int, device: torch.device) -> Tensor:
 @lru_cache
 def _square(slots: int, device: torch.device) -> Tensor:
     """Return the number of each slot pair, in both orders, shape (A, A)."""
-    later, earlier = _pairs(slots, device)
     with torch.inference_mode(False):
-        numbers = torch.zeros(slots, slots, dtype=torch.int64, device=device)
-        every = torch.arange(len(later), device=device)
-        numbers[later, earlier] = every
-        numbers[earlier, later] = every
-        return numbers
+        every = torch.arange(slots, device=device)
+        later = torch.maximum(every[:, None], every)
+        earlier = torch.minimum(every[:, None], every)
+        # In the order of :func:`_pairs`.
+        return later * (later + 1) // 2 + earlier

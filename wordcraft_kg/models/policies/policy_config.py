@@ -35,8 +35,6 @@ POLICIES: Registry[Callable[[int], Any]] = Registry(
 )
 """Own networks by name: what makes one for entity vectors of a length, see ``network``."""
 Mixing = Literal["softmax", "free", "residual"]
-_MOST_DROPPED = 0.99
-_MOST_NOISE = 100.0
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class PolicyConfig:
         hidden_size: hidden units in the mlp; 300 in the paper.
         pair_size: hidden units for a pair.
         dropout: share of a pair's hidden units that training drops, the same in all pairs of a
-            table; below 1.
+            table; 0.99 at most.
         vector_noise: length of the noise that training adds to entity vectors of length 1, for
             pairs; not to one-hot vectors.
         use: knowledge sources to mix in, comma-separated, by name or by letter: combines or u
@@ -121,8 +119,8 @@ class PolicyConfig:
             POLICIES.check("policy", self.policy)
         for name in ("key_size", "value_size", "hidden_size", "pair_size"):
             whole(name, getattr(self, name), 1, MAX_DIM)
-        number_in("vector_noise", self.vector_noise, 0, _MOST_NOISE, f"0 to {_MOST_NOISE:g}")
-        number_in("dropout", self.dropout, 0, _MOST_DROPPED, "0 or more, below 1")
+        number_in("vector_noise", self.vector_noise, 0, 100, "0 to 100")
+        number_in("dropout", self.dropout, 0, 0.99, "0 to 0.99")
         whole("plan_width", self.plan_width, 0, MAX_DIM)
         if self.sees_attempts and self.policy not in (None, "pairs", "attention"):
             raise ConfigError("`sees_attempts` needs `policy` pairs or attention.")

@@ -240,9 +240,6 @@ def read_policy(
         if len(set(entities)) < size:
             raise ValueError("a label occurs twice among the entities")
         config = PolicyConfig(**description.settings)
-        num_slots = description.num_slots
-        if config.policy == "mlp" and not num_slots:
-            raise ValueError(f"an mlp with `num_slots` {num_slots}; expected 1 or more")
         if description.sources not in ((), config.sources):
             raise ValueError(f"sources {description.sources}, settings for {config.sources}")
         # From the files' own tensors, which they check.
@@ -256,7 +253,7 @@ def read_policy(
             vectors = EntityVectors(size, torch.zeros(size, dim) if dim else None)
             # A learned term for each number of selections, if recipes have other sizes than two.
             most_picks = len(parameters.get("combine.counts", (0,))) - 1
-            policy = _policy(config, vectors, num_slots or 0, sources, most_picks)
+            policy = _policy(config, vectors, description.num_slots or 0, sources, most_picks)
         # Constants, which have been checked, come before parameters of the same name.
         weights = {**parameters, **tensors}
         for name, expected in policy.state_dict().items():

@@ -57,6 +57,7 @@ def make_training_loop(
     """
     if isinstance(config, ComplExConfig):
         return _complex_loop(config, factory, num_entities)
+    # Any other model of PyKEEN, with its objective: softmax, or sampled negatives.
     is_softmax = config.loop == "symmetric"
     kind = model_class(config.model)
     try:
@@ -209,11 +210,14 @@ def log_counts(triples: Ids, num_entities: int) -> tuple[torch.Tensor, torch.Ten
         (R, E).
     """
     heads, relations, tails = triples.T
-    counts = np.zeros((2, len(RELATIONS), num_entities))
-    np.add.at(counts[0], (relations, heads), 1)
-    np.add.at(counts[1], (relations, tails), 1)
-    as_head, as_tail = torch.from_numpy(np.log1p(counts).astype(np.float32))
-    return as_head, as_tail
+
+    def log_count(ends: Ids) -> torch.Tensor:
+        cells = relations * num_entities + ends
+        counts = np.bincount(cells, minlength=len(RELATIONS) * num_entities)
+        logs = np.log1p(counts).astype(np.float32)
+        return torch.from_numpy(logs).reshape(len(RELATIONS), num_entities)
+
+    return log_count(heads), log_count(tails)
 
 
 def with_popularity(

@@ -199,6 +199,7 @@ class BestSet(FoldedSource):
         table = states.table[0].cpu().numpy()
         selection = [entity for entity in states.selection.flatten().tolist() if entity != nothing]
         entities = sorted({*table.tolist(), *selection} - {nothing})
+        # Without the action to combine, recipes are pairs.
         sizes = range(2, 3)
         if states.has_combine:
             sizes = range(1, states.selection.shape[1] + 1)

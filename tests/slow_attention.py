@@ -26,7 +26,7 @@ class SlowAttention:
         self.config = policy.config
         self.p = {name: tensor.double().tolist() for name, tensor in policy.named_parameters()}
         is_one_hot = policy.vectors.is_one_hot
-        x = torch.eye(policy.vectors.dim) if is_one_hot else policy.vectors.vectors
+        x = torch.eye(policy.vectors.dim) if is_one_hot else policy.vectors.vectors[:-1]
         # Behind all entities stands nothing.
         self.x = [*x.double().tolist(), [0.0] * x.shape[1]]
 
@@ -44,7 +44,7 @@ class SlowAttention:
 
     def head(self, name, alpha, row):
         """``MLP(Σ_i w_i W x_i)``, W applied to every slot."""
-        weights = softmax(alpha) if self.config.value_readout == "softmax" else alpha
+        weights = softmax(alpha)
         of_slots = [[dot(w, self.x[entity]) for w in self.p[f"{name}.0.weight"]] for entity in row]
         inner = affine(list(zip(*of_slots, strict=True)), weights, self.p[f"{name}.0.bias"])
         return self.layer(f"{name}.2", [max(y, 0.0) for y in inner])

@@ -29,8 +29,7 @@ RESULTS = ("success", "by_plan", "actions", "terminations")
 
 def policy_for(opened, num_slots, scorer=None, **settings):
     small = {
-        "features": "learned",
-        "embedding_size": 20,
+        "features": "random",
         "key_size": 8,
         "value_size": 8,
         "self_edges": "keep",

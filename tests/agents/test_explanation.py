@@ -29,8 +29,7 @@ from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 SMALL = {
-    "features": "learned",
-    "embedding_size": 6,
+    "features": "random",
     "key_size": 4,
     "value_size": 5,
     "self_edges": "keep",

@@ -94,7 +94,7 @@ def test_a_run_s_own_settings_reproduce_it(world, tmp_path):
 
 
 SLOW_CHOICES = [
-    ("--features one-hot", {"value_readout": "logits", "policy_lag": 1, "unroll": 4}),
+    ("--features one-hot", {"policy_lag": 1, "unroll": 4}),
     ("--features random --depth 2 --max-attempts 3 --reward official", {"pooling": "max"}),
     ("--features shuffled:glove", {"task_weighting": "goal"}),
     ("--scorer {scorer} --kg-only --use v --mixing softmax", {"scale": "ranks"}),
@@ -102,7 +102,6 @@ SLOW_CHOICES = [
     ("--scorer {scorer}", {"scale": "none", "self_edges": "keep"}),
 ]
 OF_OLD = {
-    "embedding_size": 8,
     "distractor_policy": "no_shortcut",
     "ambiguity": "last",
     "distractor_weighting": "uniform",
@@ -112,7 +111,7 @@ OF_OLD = {
 @pytest.mark.parametrize(
     ("options", "settings"),
     [
-        ("--features learned", OF_OLD),
+        ("--features random", OF_OLD),
         *(pytest.param(*choice, marks=pytest.mark.slow) for choice in SLOW_CHOICES),
     ],
 )

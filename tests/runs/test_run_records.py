@@ -211,9 +211,7 @@ def written(features, folder_of_config_file):
     return str(read_config(folder_of_config_file)[1]["features"])
 
 
-@pytest.mark.parametrize(
-    "name", ["glove", "one-hot", "random", "learned", "shuffled:glove", "shuffled:learned"]
-)
+@pytest.mark.parametrize("name", ["glove", "one-hot", "random", "shuffled:glove"])
 def test_a_name_of_features_stays_though_a_file_is_called_so(folder_of_config_file, name):
     Path(name.removeprefix("shuffled:")).write_text("a file of mine")
     assert written(name, folder_of_config_file) == name
@@ -235,7 +233,6 @@ def test_a_file_of_features_is_found_from_the_run_s_folder(folder_of_config_file
     ("text", "source", "is_path"),
     [
         ("glove", "glove", False),
-        ("learned", "learned", False),
         ("shuffled:shuffled:random", "random", False),
         ("./glove", "./glove", True),
         ("shuffled:vec.txt", "vec.txt", True),
@@ -297,7 +294,7 @@ def test_a_file_that_says_the_same_is_left_alone(folder_of_config_file):
 def test_a_setting_of_another_type_or_out_of_range_is_named(folder_of_config_file, line, problem):
     graph = "" if line.startswith("graph") else 'graph = "kitchen"\n'
     (folder_of_config_file / "config.toml").write_text(f"[train-agent]\n{graph}{line}\n")
-    with pytest.raises(ArtefactError, match=rf"config\.toml is damaged.*{problem}"):
+    with pytest.raises(ArtefactError, match=rf"config\.toml(: this| is damaged).*{problem}"):
         AgentConfig.read(folder_of_config_file)
 
 

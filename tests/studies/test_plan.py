@@ -164,7 +164,6 @@ def test_defaults_are_those_that_addresses_stand_for():
         128,
         0.3,
         0.5,
-        50,
         "u,v",
         0,
         False,
@@ -195,7 +194,7 @@ def test_defaults_are_those_that_addresses_stand_for():
     )
     expected = {
         TaskConfig: (1, 8, None, "sparse", "use", "any", "task", "all", False),
-        PolicyConfig: (*policy, False, "softmax", False),
+        PolicyConfig: (*policy, False, False),
         ImpalaConfig: (*trainer, 10_000, 100_000, 100_000),
         SplitConfig: ("by-recipe", 0.8, 0.0, 0),
     }

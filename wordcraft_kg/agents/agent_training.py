@@ -279,9 +279,8 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             plan.weigh(weights)
         hashes = self.input_hashes(config)
         inputs = {name: value for name, value in hashes.items() if value is not None}
-        if features is not None:
-            inputs["features"] = features.sha256
-            self.facts["missing_words"] = tuple(features.missing_words)
+        inputs["features"] = features.sha256
+        self.facts["missing_words"] = tuple(features.missing_words)
         self.facts["inputs"] = inputs
         self.facts["plugins"] = config.plugins | SPLITS.plugins(self.opened.split.config.kind)
 

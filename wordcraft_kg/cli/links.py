@@ -121,7 +121,7 @@ def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
         trained.opened,
         trained.kg,
         train_sample=trained.train_sample,
-        made_by_other_books=trained.made_by_other_books,
+        made_by_other_books=trained.history.made_by_other_books,
         max_queries=max_queries,
     )
     view = view_links(links, name=model.name, provenance=trained.provenance)

@@ -728,7 +728,7 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
         # A cross-fitted scorer needs the tasks that it may have been trained on, to answer by the
         # model of the fold that has not seen them.
         tasks = world.tasks if config.part in ("train", "all") else None
-        groups = goal_groups(opened.graph, world.tasks.goals, trained.made_by_other_books)
+        groups = goal_groups(opened.graph, world.tasks.goals, trained.history.made_by_other_books)
         guided = players.scorer_players(
             opened.graph, trained.scorer, trained.triples, tasks, plans=True
         )

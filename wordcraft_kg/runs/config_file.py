@@ -83,7 +83,10 @@ class RunConfig:
         config = _taken(cls, settings, command, path)
         # Each dataclass has taken its own settings; anything left is unknown to all of them.
         if settings:
-            raise ArtefactError(f"{path} is damaged: unknown setting '{next(iter(settings))}'.")
+            raise ArtefactError(
+                f"{path}: this version has no setting '{next(iter(settings))}'. Train again, or "
+                "open it with the version that wrote it."
+            )
         return config
 
 

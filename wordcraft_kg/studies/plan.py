@@ -26,7 +26,7 @@ from wordcraft_kg.base import (
     sha256_of,
     whole,
 )
-from wordcraft_kg.base.settings import LEARNED, NAMES, SHUFFLED
+from wordcraft_kg.base.settings import SHUFFLED, VECTORS
 from wordcraft_kg.graphs import (
     SPLITS,
     RecipeGraph,
@@ -425,16 +425,13 @@ def content_of(features: Value | None) -> dict[str, str]:
     Raises:
         ConfigError: if the file is missing.
     """
-    spec = FeatureSpec.parse(LEARNED if features is None else str(features))
+    spec = FeatureSpec.parse("glove" if features is None else str(features))
     if not spec.is_path:
         return {}
     path = Path(spec.source)
     if not path.exists():
-        expected = (
-            f"a file or folder, or one of {', '.join(NAMES)}; all but the last perhaps after "
-            f"'{SHUFFLED}'"
-        )
-        raise refuse("features", features, expected, nearest(spec.source, NAMES))
+        expected = f"a file or folder, or one of {', '.join(VECTORS)}, perhaps after '{SHUFFLED}'"
+        raise refuse("features", features, expected, nearest(spec.source, VECTORS))
     path = path / ENCODED if path.is_dir() else path
     files = [path]
     # An array has its labels in a file beside it.

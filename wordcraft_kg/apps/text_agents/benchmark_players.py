@@ -431,7 +431,7 @@ def _agent(track: Track, argument: str, settings: RunSettings) -> Entrant:
     features = agent.config.policy.features
     words = f", {Path(features).name} words"
     # The other kinds of features come from no words, or are in the scorer's list already.
-    if features not in ("learned", "one-hot", "random") and words not in knows:
+    if features not in ("one-hot", "random") and words not in knows:
         knows += words
     return Entrant(agent.name, decisions(track, PolicyPlayer(agent.policy)), knows, weights=weights)
 

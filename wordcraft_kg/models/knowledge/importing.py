@@ -30,7 +30,6 @@ from wordcraft_kg.models.knowledge.knowledge_folder import (
 from wordcraft_kg.models.knowledge.network import Alignment, Network, align
 from wordcraft_kg.models.knowledge.readers import (
     HEADER,
-    read_conceptnet,
     read_triples,
     read_wordnet,
 )
@@ -43,8 +42,8 @@ from wordcraft_kg.models.scorers.score_limits import check_table
 
 COMMAND = "import-knowledge"
 """Name of the command in ``run.json``."""
-Kind = Literal["wordnet", "conceptnet", "triples"]
-READERS = {"wordnet": read_wordnet, "conceptnet": read_conceptnet, "triples": read_triples}
+Kind = Literal["wordnet", "triples"]
+READERS = {"wordnet": read_wordnet, "triples": read_triples}
 """Readers of graphs, by kind."""
 ALIGNMENT = "alignment.tsv"
 """File with the node of each label, in the form in which overrides are read."""
@@ -52,7 +51,6 @@ _COLUMNS = ("label", "node", "method", "confidence", "meaning")
 _LICENCES = {
     "wordnet": "WordNet 3.0 is copyright 2006 by Princeton University; its licence must accompany "
     "copies of a folder.",
-    "conceptnet": "ConceptNet 5 is available under CC BY-SA 4.0, and so is what is made from it.",
     "triples": "The licence of the imported triples applies.",
 }
 
@@ -98,7 +96,7 @@ def import_knowledge(
     Args:
         opened: recipe graph, and the split whose held-out triples the warning counts.
         kind: kind of the imported graph.
-        path: WordNet's folder, ConceptNet's assertions, or a file of triples.
+        path: WordNet's folder, or a file of triples.
         out: the knowledge folder.
         overrides: file with nodes for some labels, see :func:`with_overrides`; None without.
         force: replace the folder.
@@ -112,8 +110,6 @@ def import_knowledge(
     entities = opened.graph.entities
     # Checked before the slow steps.
     check_table("knowledge from outside the book", len(entities))
-    if overrides is not None and not overrides.is_file():
-        raise KnowledgeFileError(f"{overrides} is not a file; expected lines as in {ALIGNMENT}.")
     with stage(f"reading {path}"):
         network = READERS[kind](path)
     with stage("aligning labels"):
@@ -191,51 +187,38 @@ def with_overrides(
         alignment: the automatic alignment.
         network: the graph from outside the book.
         entities: labels in id order.
-        path: lines as in ``alignment.tsv``, of which two columns count: a label, and a node with or
-            without the network's prefix; without a node, the label is left out.
+        path: lines as in ``alignment.tsv``, of which two columns count: a label and a node; without
+            a node, the label is left out.
 
     Returns:
         A new alignment, in which a named node has confidence 1.
 
     Raises:
-        KnowledgeFileError: for an unknown label or node, or a file that is not UTF-8.
+        KnowledgeFileError: for an unknown label or node.
         ArtefactError: if the file cannot be read.
     """
     nodes = alignment.nodes.copy()
     confidences = alignment.confidences.copy()
     methods = list(alignment.methods)
-    numbers = {name: node for node, name in enumerate(network.nodes)}
-    lines_of: dict[str, int] = {}
-    try:
-        lines = read_small_file(path).decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError:
-        raise KnowledgeFileError(f"{path} is not UTF-8. Save the file as UTF-8.") from None
+    numbers = {network.name_of(node): node for node in range(len(network.nodes))}
+    # Nothing leaves a label out.
+    numbers[""] = -1
+    lines = read_small_file(path).decode("utf-8-sig", errors="replace").splitlines()
     for number, line in enumerate(lines, 1):
-        label, *columns = line.split("\t")
+        label, tab, columns = line.partition("\t")
         is_header = number == 1 and label == _COLUMNS[0]
         if is_header or not line.strip():
             continue
-        if label in lines_of:
+        name = columns.partition("\t")[0].strip()
+        if not tab or label not in entities or name not in numbers:
             raise KnowledgeFileError(
-                f"{path}, line {number}: '{label}' stands in line {lines_of[label]}, too; expected "
-                "each label once."
+                f"{path}, line {number}: '{line[:80]}' is not a label of the graph, a tab, and a "
+                f"node of {network.source} or nothing.{nearest(label, entities)} Expected lines as "
+                f"in {ALIGNMENT}, in UTF-8."
             )
-        if not columns or label not in entities:
-            raise KnowledgeFileError(
-                f"{path}, line {number}: '{label}' is not a label of the graph before a "
-                f"tab.{nearest(label, entities)} Expected lines as in {ALIGNMENT}."
-            )
-        name = columns[0].strip()
-        node = numbers.get(name.removeprefix(f"{network.prefix}:"), -1)
-        if name and node < 0:
-            raise KnowledgeFileError(
-                f"{path}, line {number}: {network.source} has no node '{name}'. Expected a node as "
-                f"in the second column of {ALIGNMENT}, or nothing to leave '{label}' out."
-            )
-        lines_of[label] = number
         entity = entities.index(label)
-        nodes[entity] = node
-        confidences[entity] = float(node >= 0)
+        nodes[entity] = numbers[name]
+        confidences[entity] = float(bool(name))
         methods[entity] = "override" if name else "left out"
     return Alignment(nodes, tuple(methods), confidences)
 
@@ -265,10 +248,8 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def _hashes(path: Path) -> dict[str, str]:
     """Return the hash of a file, or of each file in a folder, by name."""
-    files = [path]
-    if path.is_dir():
-        files = sorted(file for file in path.iterdir() if file.is_file())
-    return {file.name: sha256_of(file) for file in files}
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    return {file.name: sha256_of(file) for file in files if file.is_file()}
 
 
 def _card(view: ImportedKnowledge, opened: OpenedGraph, kind: Kind) -> str:

@@ -137,11 +137,7 @@ class _Job:
         factory = triples_factory(self.graph, self.triples, self.outside)
         model = fit(self.settings, factory, after_epoch, size)
         _, tensors = scorer_tensors(self.settings, model, self.triples, size)
-        # A table needs no model parameters.
-        stored = {
-            name: tensor for name, tensor in tensors.items() if not name.startswith("pykeen.")
-        }
-        fold_models(self.folder).save(self.fold, copied(stored), self.done)
+        fold_models(self.folder).save(self.fold, copied(tensors), self.done)
 
     @property
     def done(self) -> FoldDone:
@@ -444,11 +440,8 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             if report:
                 num_epochs = sum(epochs.values())
                 total = settings.epochs * (1 + folds.count)
-                figures: dict[str, float] = {
-                    "fold": min(1 + num_epochs // settings.epochs, folds.count),
-                    "folds": folds.count,
-                }
-                report(settings.epochs + num_epochs, total, figures)
+                number = min(1 + num_epochs // settings.epochs, folds.count)
+                report(settings.epochs + num_epochs, total, {"fold": number, "folds": folds.count})
 
         # On a GPU, several processes would share one device.
         is_long = seconds >= LONG and torch.device(settings.device).type == "cpu"

@@ -22,6 +22,7 @@ import numpy as np
 import torch
 from pykeen.models import Model
 from pykeen.triples import TriplesFactory
+from pykeen.utils import set_random_seed
 
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.tensors import torch_threads
@@ -77,8 +78,8 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
         the triples; None without folders.
 
     Raises:
-        ConfigError: if a folder has no triples, none with an entity, or a relation with the name of
-            a recipe relation.
+        ConfigError: if a folder has no triples, or a relation with the name of a recipe relation,
+            or no triple has an entity.
         ArtefactError: if a folder is incomplete or damaged.
     """
     # Raises ConfigError if a folder has no triples.
@@ -88,7 +89,6 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
     relations: dict[str, int] = {name: place for place, name in enumerate(RELATIONS)}
     rows = list[tuple[int, int, int]]()
     for folder in folders:
-        before = len(rows)
         for head, relation, tail in read_triples_of(knowledge_files(folder)):
             # Such triples would count as recipes, also as those of the test part.
             if relation in RELATIONS:
@@ -101,22 +101,21 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
             relation_id = relations.setdefault(relation, len(relations))
             tail_id = places.setdefault(tail, len(places))
             rows.append((head_id, relation_id, tail_id))
-        added = np.array(rows[before:], dtype=np.int64).reshape(-1, 3)
-        ends = np.unique(added[:, [0, 2]])
-        if not (ends < len(entities)).any():
-            raise ConfigError(
-                f"`with` '{folder}': none of the {len(ends):,} nodes in {TRIPLES} is one of the "
-                f"{len(entities):,} entities, such as '{entities[0]}'. Make the folder for this "
-                "graph."
-            )
-    triples = frozen(np.unique(np.array(rows, dtype=np.int64), axis=0))
-    # Triples of several folders may be equal, so ends are counted after merging.
-    endpoints = np.unique(triples[:, [0, 2]])
+    # Equal triples of several folders are one.
+    triples = frozen(np.unique(np.array(rows, dtype=np.int64).reshape(-1, 3), axis=0))
+    ends = np.unique(triples[:, [0, 2]])
+    num_covered = int((ends < len(entities)).sum())
+    if not num_covered:
+        raise ConfigError(
+            f"`with` '{', '.join(folders)}': none of the {len(ends):,} nodes in {TRIPLES} is one "
+            f"of the {len(entities):,} entities, such as '{entities[0]}'. Make the folder for this "
+            "graph."
+        )
     summary = OutsideSummary(
         triples=len(triples),
         nodes=len(places) - len(entities),
         relations=len(relations) - len(RELATIONS),
-        coverage=int((endpoints < len(entities)).sum()) / len(entities),
+        coverage=num_covered / len(entities),
     )
     nodes = tuple(places)[len(entities) :]
     return OutsideTriples(nodes, tuple(relations)[len(RELATIONS) :], triples, summary)
@@ -184,9 +183,7 @@ def seed_everything(seed: int, epoch: int = 0) -> None:
     # A hash of both numbers: seed + epoch would give seed 1 the random numbers of seed 0, an epoch
     # later.
     value = int(np.random.SeedSequence([seed, epoch]).generate_state(1)[0])
-    random.seed(value)
-    np.random.seed(value)  # noqa: NPY002 - PyKEEN's negative samplers use this generator
-    torch.manual_seed(value)
+    set_random_seed(value)
 
 
 @contextmanager
@@ -199,16 +196,14 @@ def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
     """
     python_state = random.getstate()
     numpy_state = np.random.get_state()  # noqa: NPY002
-    frozen_before = gc.get_freeze_count()
     loggers = [logging.getLogger(name) for name in ("pykeen", "torch_max_mem")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
         logger.setLevel(logging.ERROR)
     gc.freeze()
     try:
-        devices = range(torch.cuda.device_count())
         with (
-            torch.random.fork_rng(devices),
+            torch.random.fork_rng(range(torch.cuda.device_count())),
             torch_threads(threads),
             torch.sparse.check_sparse_tensor_invariants(enable=False),
         ):
@@ -219,9 +214,7 @@ def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
         np.random.set_state(numpy_state)  # noqa: NPY002
         for logger, level in zip(loggers, levels, strict=True):
             logger.setLevel(level)
-        # Unfreezing is all or nothing: objects that the user's program has frozen stay frozen.
-        if not frozen_before:
-            gc.unfreeze()
+        gc.unfreeze()
 
 
 def from_pykeen(model: Model, factory: TriplesFactory, opened: OpenedGraph) -> TableScorer:

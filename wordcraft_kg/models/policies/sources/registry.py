@@ -16,7 +16,6 @@ from wordcraft_kg.models.policies.sources.pairs import (
     CombinesWith,
     ComponentOf,
     PairSource,
-    SetTable,
 )
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import AS_IS, ScoreView, Source
@@ -26,7 +25,7 @@ from wordcraft_kg.models.scorers.scales import FACTORED_SCALES
 from wordcraft_kg.models.scorers.score_limits import TABLE_LIMIT, Scale
 
 _BUILT_IN: dict[str, type[Source]] = {
-    kind.label.name: kind for kind in (CombinesWith, ComponentOf, BestRecipe, SetTable)
+    kind.label.name: kind for kind in (CombinesWith, ComponentOf, BestRecipe)
 }
 
 

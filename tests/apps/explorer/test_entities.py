@@ -8,18 +8,16 @@ from helpers import refuses
 
 from tests.apps.explorer.shown import (
     explored_graph,
-    look,
     view_by,
     view_of,
 )
-from wordcraft_kg import ComplExConfig, LinksConfig, RecipeGraph, train_links
-from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg import RecipeGraph
 from wordcraft_kg.apps.explorer.page import paging
 from wordcraft_kg.apps.explorer.pages import entities
 from wordcraft_kg.apps.explorer.pages.entities import (
+    EntitiesState,
     EntityState,
     RecipesState,
-    list_entities,
     search_entities,
 )
 from wordcraft_kg.apps.explorer.pages.home import HomeState
@@ -43,23 +41,6 @@ PIES = ["pie", "piece", "apple pie", "magpie", "tree"]
 def test_what_needs_no_craft_or_cannot_be_made_is_not_far_from_the_base(rows, furthest, most_used):
     overview = view_of(explored_graph(rows), HomeState())
     assert (overview.furthest, overview.most_used) == (furthest, most_used)
-
-
-@pytest.mark.parametrize(
-    ("settings", "train_sample"),
-    [
-        ({}, ""),
-        (
-            {"train_fraction": 0.5, "label_noise": 0.25},
-            "50 % of the train recipes, 25 % of them with a wrong result",
-        ),
-    ],
-)
-def test_a_model_that_was_taught_a_dose_says_of_what(settings, train_sample, tmp_path):
-    config = LinksConfig("kitchen", ComplExConfig(dim=2, epochs=1, n3=0.1, folds=0, **settings))  # type: ignore[arg-type]
-    explored = Explored.open("kitchen", [train_links(config, tmp_path / "model").folder])
-    assert [line.train_sample for line in view_of(explored, HomeState()).models] == [train_sample]
-    assert f">{train_sample or 'train recipes'}<" in look(explored, HomeState()).page
 
 
 @pytest.mark.parametrize("total", [0, 1, 19, 20, 21, 40, 41])
@@ -96,19 +77,21 @@ def test_the_list_has_every_entity_in_the_order_asked_for(kitchen, monkeypatch):
             (kitchen.entities[i], layer[i] if layer[i] >= 0 else None, made[i], used[i])
             for i in sorted(range(kitchen.num_entities), key=lambda i: (key(i), i))
         ]
-        pages = list_entities(kitchen, "", order).paging.pages
+        explored = explored_graph(kitchen)
+        pages = view_of(explored, EntitiesState(sort=order)).paging.pages
         rows = [
             row
             for page in range(1, pages + 1)
-            for row in list_entities(kitchen, "", order, page).entities
+            for row in view_of(explored, EntitiesState(sort=order, page=page)).entities
         ]
         assert [(row.entity, row.layer, row.recipes, row.uses) for row in rows] == expected
 
 
 def test_an_entity_that_cannot_be_made_has_no_layer():
-    graph = RecipeGraph.from_recipes([("a", "b", "c"), ("d", "d", "d2")], base=["a", "b"])
-    assert [row.layer for row in list_entities(graph).entities] == [0, 0, 1, None, None]
-    assert [row.entity for row in list_entities(graph, order="layer").entities] == [
+    explored = explored_graph([("a", "b", "c"), ("d", "d", "d2")], ["a", "b"])
+    shown = [row.layer for row in view_of(explored, EntitiesState()).entities]
+    assert shown == [0, 0, 1, None, None]
+    assert [row.entity for row in view_of(explored, EntitiesState(sort="layer")).entities] == [
         "a",
         "b",
         "c",
@@ -140,7 +123,8 @@ def test_a_search_takes_labels_then_beginnings_words_and_parts(rows, wanted, exp
     graph = RecipeGraph.from_recipes(rows)
     assert search_entities(graph, wanted) == expected
     assert search_entities(graph, wanted, limit=2) == expected[:2]
-    assert list_entities(graph, wanted).paging.total == len(expected) or not wanted.strip()
+    total = view_of(explored_graph(graph), EntitiesState(wanted)).paging.total
+    assert total == len(expected) or not wanted.strip()
 
 
 def test_recipes_that_make_and_use_an_entity_have_their_parts(neighbours, monkeypatch):

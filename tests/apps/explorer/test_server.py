@@ -46,7 +46,7 @@ def hostile_client(hostile):
 
 def test_every_page_of_the_menu_has_its_view_as_json(client, explored):
     for page in PAGES.values():
-        if page.title and not page.is_live:
+        if page.title:
             answer = client.get(f"/{page.name}?format=json")
             assert answer.json() == as_values(page.view(explored, page.state()))
 
@@ -91,22 +91,6 @@ def test_nothing_but_reading_is_possible(client, method):
 def test_no_path_leads_out_of_the_site(client, path):
     answer = client.get(path)
     assert (answer.status_code, re.findall("import|root:", answer.text)) == (404, [])
-
-
-@pytest.mark.parametrize(
-    ("path", "is_meant"),
-    [
-        *[("/entity/brea", True), ("/path?entity=brea", True)],
-        *[("/run/brea", False), ("/entity/bread?model=x", False)],
-    ],
-)
-def test_entities_are_offered_where_an_entity_is_not_there(client, path, is_meant):
-    answer = client.get(path)
-    assert answer.status_code == 404
-    assert ("Similar names" in answer.text, "/entity/bread" in Shown(answer.text).links) == (
-        is_meant,
-        is_meant,
-    )
 
 
 @pytest.mark.parametrize(

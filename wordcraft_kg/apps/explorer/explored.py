@@ -156,19 +156,6 @@ class Explored:
         run = self.once(("run", name), lambda: FollowedRun(self.runs[name], self.opened))
         return name, run
 
-    def is_any_live(self, *names: str) -> bool:
-        """Return whether any of these runs has yet to be complete and evaluated.
-
-        Raises:
-            ConfigError: if there is no run.
-            UnknownEntityError: if no run has one of the names.
-        """
-        # A run that cannot be read may be one that is just starting, so its page must not be
-        # cached.
-        with suppress(ArtefactError):
-            return any(self.followed(name)[1].records().run.status != "done" for name in names)
-        return True
-
     @staticmethod
     def tasks_of(run: FollowedRun | None) -> TaskConfig:
         """Return a run's task settings; defaults without a readable run."""

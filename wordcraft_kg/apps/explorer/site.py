@@ -3,23 +3,18 @@
 Both ways render the same pages by :class:`Site` and differ only in the addresses of pages.
 """
 
-import asyncio
 import json
 import os
 import re
-import sys
-import threading
-from collections.abc import Callable, Collection, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from functools import cache, lru_cache, partial
+from functools import cache, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 from urllib.parse import parse_qsl
 
 import jinja2
 import msgspec
-import torch
 from markupsafe import Markup
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
@@ -86,40 +81,27 @@ class Site:
                 changed.
         """
         view = page.view(self.explored, state)
-        pictures = page.draw(view, state, self.address) if page.draw else {}
-        return self._render(f"{page.name}.html.j2", page, state, view=view, pictures=pictures)
+        return self._render(f"{page.name}.html.j2", page, state, view=view)
 
-    def error(self, status: int, message: str, suggestions: Mapping[str, str] | None = None) -> str:
+    def error(self, status: int, message: str) -> str:
         """Return an error page.
 
         Args:
             status: HTTP status, such as 404.
             message: sentence about the problem; any text, since templates escape it.
-            suggestions: addresses of pages that may have been meant, by label; None for none.
 
         Returns:
             the page as HTML.
         """
-        return self._render(
-            "error.html.j2",
-            None,
-            None,
-            status=status,
-            message=message,
-            suggestions=suggestions or {},
-        )
+        return self._render("error.html.j2", HOME, HOME.state(), status=status, message=message)
 
-    def _render(
-        self, template: str, page: Page[Any] | None, state: PageState | None, **values: Any
-    ) -> str:
+    def _render(self, template: str, page: Page[Any], state: PageState, **values: Any) -> str:
         outline = Outline()
 
         def link(name: str, **fields: Any) -> str:
             return self.address(PAGES[name], PAGES[name].state(**fields))
 
         def here(**changes: Any) -> str:
-            assert page is not None
-            assert state is not None
             return self.address(page, msgspec.structs.replace(state, **changes))
 
         def entity(label: str) -> Markup:
@@ -127,7 +109,7 @@ class Site:
             model = getattr(state, "model", "")
             return _anchor(link("entity", entity=label, model=model), label)
 
-        environment = _environment(HOME.package if page is None else page.package)
+        environment = _environment(page.package)
         return environment.get_template(template).render(
             site=self,
             page=page,
@@ -166,15 +148,8 @@ def _environment(package: str) -> jinja2.Environment:
 
 # --- served ---------------------------------------------------------------------------------------
 
-T = TypeVar("T")
 PACKAGE = "wordcraft_kg.apps.explorer"
 SCRIPTS = ("explorer.js",)
-_KEPT = 256
-"""Rendered pages in memory, 50 KB each."""
-_THREADS = 8
-"""Concurrently rendered pages: more threads compete, fewer may all wait for one value."""
-_THREAD_NAME = "pages"
-"""Beginning of the names of all threads that compute pages."""
 
 
 def make_app(
@@ -206,24 +181,25 @@ def make_app(
 
 
 class _Server:
+    """Answers requests; Starlette runs the methods in threads."""
+
     def __init__(self, explored: Explored) -> None:
         self.explored = explored
         self.site = Site(
             explored, lambda page, state: page.address(state), lambda name: f"/files/{name}"
         )
-        # More torch threads would only compete: a table has ten rows.
-        self._threads = ThreadPoolExecutor(_THREADS, _THREAD_NAME, torch.set_num_threads, (1,))
-        self._kept = lru_cache(_KEPT)(self._rendered)
-        self._page(HOME, "", [])  # so that the first page is ready with the address
+        self.site.page(HOME, HOME.state())  # so that the first page is ready with the address
 
-    async def home(self, _: Request) -> Response:
+    def home(self, _: Request) -> Response:
         return RedirectResponse(HOME.address(HOME.state()))
 
-    async def search(self, request: Request) -> Response:
-        matches = await self._in_thread(self._suggestions, request.query_params.get("q", "")[:200])
-        return _json(list(matches.items()))
+    def search(self, request: Request) -> Response:
+        wanted = request.query_params.get("q", "")[:200]
+        entity = PAGES["entity"]
+        labels = search_entities(self.explored.opened.graph, wanted)
+        return _json([(label, entity.address(entity.state(entity=label))) for label in labels])
 
-    async def page(self, request: Request) -> Response:
+    def page(self, request: Request) -> Response:
         name = request.path_params["name"]
         subject = request.path_params.get("subject", "")
         page = PAGES.get(name)
@@ -240,58 +216,23 @@ class _Server:
                 "The address is not well-formed: its query cannot be read as UTF-8 names and "
                 "values.",
             )
-        return await self._in_thread(self._page, page, subject, query)
-
-    async def _in_thread(self, work: Callable[..., T], *arguments: Any) -> T:
-        return await asyncio.get_running_loop().run_in_executor(self._threads, work, *arguments)
-
-    def _page(self, page: Page[Any], subject: str, query: list[tuple[str, str]]) -> Response:
         try:
             state = page.read(subject, [entry for entry in query if entry != ("format", "json")])
             if ("format", "json") in query:
                 return _json(as_values(page.view(self.explored, state)))
-            is_live = page.is_live(self.explored, state)
-            text = self._rendered(page, state) if is_live else self._kept(page, state)
-            headers = {"Cache-Control": "no-store" if is_live else "no-cache"}
-            return Response(text, media_type="text/html", headers=headers)
+            text = self.site.page(page, state)
         except UnknownEntityError as error:
-            # Labels that do not fit a path are in the query; the unknown name may also be a run or
-            # a model.
-            label = (subject if page.subject == "entity" else "") or dict(query).get("entity", "")
-            is_other = label in self.explored.opened.graph
-            return self.error(404, str(error), {} if is_other else self._suggestions(label[:200]))
+            return self.error(404, str(error))
         except ConfigError as error:
             return self.error(400, str(error))
         except WordCraftKGError as error:
             # An opened folder has changed on disk, or does not support the query.
             return self.error(409, str(error))
+        # Runs in training change, so browsers ask each time.
+        return Response(text, media_type="text/html", headers={"Cache-Control": "no-cache"})
 
-    def _suggestions(self, wanted: str) -> dict[str, str]:
-        entity = PAGES["entity"]
-        labels = search_entities(self.explored.opened.graph, wanted)
-        return {label: entity.address(entity.state(entity=label)) for label in labels}
-
-    def error(
-        self, status: int, message: str, suggestions: dict[str, str] | None = None
-    ) -> Response:
-        return Response(
-            self.site.error(status, message, suggestions), status, media_type="text/html"
-        )
-
-    def _rendered(self, page: Page[Any], state: PageState) -> bytes:
-        return self.site.page(page, state).encode()
-
-
-def end_process() -> None:
-    """End the process with exit code 0, if threads have computed pages, without waiting for them.
-
-    A thread in torch cannot be interrupted, and Python would wait for its page. Nothing is lost:
-    the server writes no files.
-    """
-    if any(thread.name.startswith(_THREAD_NAME) for thread in threading.enumerate()):
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(0)
+    def error(self, status: int, message: str) -> Response:
+        return Response(self.site.error(status, message), status, media_type="text/html")
 
 
 def _json(values: Any) -> Response:
@@ -313,8 +254,6 @@ class ExportedSite(Record):
         graph_hash: content hash of the graph.
         split_hash: hash of the split.
         pages: number of pages.
-        largest: bytes of the largest page.
-        bytes: bytes of all pages.
         models: SHA-256 of each model's weights, by name.
         runs: SHA-256 of each run's record, by name.
         skipped: messages of the errors that took the place of pages, by the page's address.
@@ -324,8 +263,6 @@ class ExportedSite(Record):
     graph_hash: Hash
     split_hash: Hash
     pages: Count
-    largest: Count
-    bytes: Count
     models: dict[str, str]
     runs: dict[str, str]
     skipped: dict[str, str]
@@ -342,13 +279,12 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
         force: replace the folder if it exists.
 
     Returns:
-        numbers of pages and bytes, hashes of the inputs, and skipped pages, as in ``site.json``.
+        number of pages, hashes of the inputs, and skipped pages, as in ``site.json``.
 
     Raises:
         OutputExistsError: if the folder exists and ``force`` is False.
     """
     files = _Files(explored)
-    sizes = []
     skipped = {}
     # Pages need small sums alone: threads that wait for each other would take most of the time
     # where other work runs.
@@ -373,14 +309,11 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
             content = _without_paths(text, explored).encode()
             (folder / name).parent.mkdir(exist_ok=True)
             write_atomically(folder / name, content)
-            sizes.append(len(content))
         exported = ExportedSite(
             graph=explored.opened.graph.name,
             graph_hash=explored.opened.graph.hash,
             split_hash=explored.opened.split.hash,
-            pages=len(sizes),
-            largest=max(sizes),
-            bytes=sum(sizes),
+            pages=len(files.names),
             models={
                 name: predictor.model.run.outputs["model.safetensors"]
                 for name, predictor in explored.models.items()

@@ -1,5 +1,8 @@
 """``wordcraft-kg explore``."""
 
+import os
+import sys
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -64,8 +67,9 @@ def explore(  # noqa: PLR0913 - parameters are the command's options
         check_output(export, force=force)
         _export(Explored.open(graph, model or (), run or ()), export, force, output)
         return
-    from wordcraft_kg.apps.explorer.site import end_process, make_app
+    from wordcraft_kg.apps.explorer.site import make_app
     from wordcraft_kg.apps.web.serving import listen, serve
+    from wordcraft_kg.base.tensors import torch_threads
 
     # The port first: if it is taken, nobody waits for the work, which takes seconds.
     with listen(host, port) as listening:
@@ -75,17 +79,22 @@ def explore(  # noqa: PLR0913 - parameters are the command's options
 
         explored = Explored.open(graph, model or (), run or ())
         app = make_app(explored, host, allow_host or ())
-        serve(app, listening, started, in_browser=not no_browser)
-    end_process()
+        # More threads of torch would only compete: a table has ten rows.
+        with torch_threads(1):
+            serve(app, listening, started, in_browser=not no_browser)
+    # A thread that computes a page cannot be interrupted, and Python would wait for it. Nothing is
+    # lost: the server writes no files.
+    if threading.active_count() > 1:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)
 
 
 def _export(explored: "Explored", out: Path, force: bool, output: Output) -> None:
     from wordcraft_kg.apps.explorer.site import export_site
 
     site = export_site(explored, out, force=force)
-    size = f"{site.bytes / 2**20:.1f} MiB"
-    largest = f"{site.largest / 2**10:.0f} KiB"
-    lines = [f"wrote {out}: {site.pages:,} pages, {size}, the largest {largest}"]
+    lines = [f"wrote {out}: {site.pages:,} pages"]
     if site.skipped:
         example = next(iter(site.skipped.items()))
         lines.append(f"skipped pages: {len(site.skipped):,}, such as {example}")

@@ -3,7 +3,6 @@
 import unicodedata
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from functools import lru_cache
 from itertools import chain
 from typing import Literal
@@ -15,7 +14,7 @@ from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, num_pages, paging
 from wordcraft_kg.apps.explorer.predictor import PlacedRecipe, PredictedSlot, placed_recipes
 from wordcraft_kg.base import ConfigError, Count, Record
-from wordcraft_kg.evaluation.suggestions import Suggestion, is_set_model, suggest_sets
+from wordcraft_kg.evaluation.suggestions import is_set_model
 from wordcraft_kg.graphs import (
     COMBINES_WITH,
     COMPONENT_OF,
@@ -86,36 +85,17 @@ class EntityList(Record):
     """A page of the entities whose labels contain a text.
 
     Attributes:
-        wanted: the text; empty for all entities.
-        order: order of the entities.
         paging: which of them are on this page.
         entities: the entities on this page.
     """
 
-    wanted: str
-    order: EntityOrder
     paging: Paging
     entities: tuple[ListedEntity, ...]
 
 
-def list_entities(
-    graph: RecipeGraph, wanted: str = "", order: EntityOrder = "label", page: int = 1
-) -> EntityList:
-    """List entities page by page.
-
-    Args:
-        graph: graph with the entities.
-        wanted: text in the labels, whatever its case and accents; empty for all entities.
-        order: order of the entities; ties are in the order of labels.
-        page: page number, from 1.
-
-    Returns:
-        the entities on the page.
-
-    Raises:
-        ConfigError: if the list has no such page.
-    """
-    ids = _matching(graph, wanted)
+def _view_list(explored: Explored, state: EntitiesState) -> EntityList:
+    graph = explored.opened.graph
+    ids = _matching(graph, state.q)
     layer = layers_of(graph)
     keys: dict[str, Ids] = {
         "label": ids,
@@ -124,9 +104,9 @@ def list_entities(
         "recipes": -graph.recipe_counts[ids],
         "uses": -graph.use_counts[ids],
     }
-    shown = paging(len(ids), page, ENTITIES_A_PAGE)
+    shown = paging(len(ids), state.page, ENTITIES_A_PAGE)
     # Ids are in the order of labels, so a stable sort breaks ties by label.
-    listed_ids = ids[np.argsort(keys[order], kind="stable")][shown.rows]
+    listed_ids = ids[np.argsort(keys[state.sort], kind="stable")][shown.rows]
     rows = zip(
         graph.labels(listed_ids.tolist()),
         layer[listed_ids].tolist(),
@@ -135,8 +115,6 @@ def list_entities(
         strict=True,
     )
     return EntityList(
-        wanted=wanted,
-        order=order,
         paging=shown,
         entities=tuple(
             ListedEntity(label, at if at >= 0 else None, num_recipes, num_uses)
@@ -202,10 +180,6 @@ def _folded_labels(graph: RecipeGraph) -> Sequence[str]:
 def layers_of(graph: RecipeGraph) -> Ids:
     """Return cached :func:`~wordcraft_kg.graphs.planner.layers`: each entity's, shape (E,)."""
     return layers(graph)
-
-
-def _view_list(explored: Explored, state: EntitiesState) -> EntityList:
-    return list_entities(explored.opened.graph, state.q, state.sort, state.page)
 
 
 def _exported_lists(explored: Explored) -> Iterator[EntitiesState]:
@@ -289,8 +263,8 @@ class EntityProfile(Record):
         model: name of the model; empty without one.
         has_seen_the_test_recipes: whether the model was trained on all recipes; False without a
             model.
-        slots: predictions for the queries in :data:`OPEN_SLOTS`; empty without a model.
-        suggested: recipes that a model of sets suggests for the entity; it has no slots.
+        slots: predictions for the queries in :data:`OPEN_SLOTS`; empty without a model, and for a
+            model of sets, which suggests recipes.
         nearest: most similar entities by the model; empty without a model.
         by_words: most similar entities by word vectors; None if no word of the label has a vector.
     """
@@ -304,7 +278,6 @@ class EntityProfile(Record):
     model: str
     has_seen_the_test_recipes: bool
     slots: tuple[PredictedSlot, ...]
-    suggested: tuple[Suggestion, ...]
     nearest: tuple[AlikeEntity, ...]
     by_words: tuple[AlikeEntity, ...] | None
 
@@ -335,13 +308,8 @@ def _view(explored: Explored, state: EntityState) -> EntityProfile:
     by_words = _alike(graph.entities, near_by_words(words, entity))
     predictor = explored.predictor(state.model) if explored.models else None
     slots: tuple[PredictedSlot, ...] = ()
-    suggested: tuple[Suggestion, ...] = ()
     nearest: tuple[AlikeEntity, ...] = ()
-    if predictor is not None and is_set_model(predictor.model):
-        # A base entity may have no likely recipe.
-        with suppress(ConfigError):
-            suggested = suggest_sets(predictor.model, label, PREDICTED).suggestions
-    elif predictor is not None:
+    if predictor is not None and not is_set_model(predictor.model):
         scored = [predictor.slot(entity, relation, side) for relation, side in OPEN_SLOTS]
         slots = tuple(predictor.best(slot, top=PREDICTED) for slot in scored)
         nearest = _alike(graph.entities, predictor.evidence.roles.nearest(entity, NEAREST))
@@ -355,7 +323,6 @@ def _view(explored: Explored, state: EntityState) -> EntityProfile:
         model="" if predictor is None else predictor.name,
         has_seen_the_test_recipes=predictor is not None and predictor.has_seen_the_test_recipes,
         slots=slots,
-        suggested=suggested,
         nearest=nearest,
         by_words=by_words if words.known[entity] else None,
     )

@@ -17,7 +17,7 @@ from wordcraft_kg.base import ArtefactError, ConfigError, UnknownEntityError, ne
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.evaluation.suggestions import is_set_model
-from wordcraft_kg.graphs import OpenedGraph, Planner, TaskPart, open_graph
+from wordcraft_kg.graphs import OpenedGraph, Planner, open_graph
 from wordcraft_kg.graphs.splits import TEST
 from wordcraft_kg.models.model_folder import open_model
 from wordcraft_kg.runs.record import RunFiles, run_folders, run_name
@@ -175,24 +175,21 @@ class Explored:
 
         Args:
             tasks: task settings of the agent's training.
-            part: part of the tasks; empty for :meth:`usual_part`.
+            part: part of the tasks; empty for test, or train without test recipes.
             depth: depth of the tasks, in crafts; 0 for the training depth.
             distractors: distractors on the table; None for as many as in training.
 
         Returns:
-            the settings. The training's attempts are kept if they suffice for the depth, else there
-            are as many attempts as crafts.
+            the settings. At another depth than in training there are as many attempts as crafts.
 
         Raises:
             ConfigError: if a number is out of range.
         """
         if depth and depth != tasks.depth:
             # With fewer attempts than crafts, no task could be solved: WordCraftConfig would raise.
-            is_enough = tasks.max_attempts is not None and tasks.max_attempts >= depth
-            tasks = replace(
-                tasks, depth=depth, max_attempts=tasks.max_attempts if is_enough else None
-            )
-        return tasks.environment(part or self.usual_part(), distractors)
+            tasks = replace(tasks, depth=depth, max_attempts=None)
+        has_test = (self.opened.split.parts == TEST).any()
+        return tasks.environment(part or ("test" if has_test else "train"), distractors)
 
     def plain_world(self, config: WordCraftConfig) -> World:
         """Return the tasks for environment settings, without distractors.
@@ -217,10 +214,6 @@ class Explored:
             ConfigError: if the graph has too few entities for the distractors.
         """
         return self.once(("world", config), lambda: World.open(self.plain_world(config), config))
-
-    def usual_part(self) -> TaskPart:
-        """Return the task part shown by default: test, or train without test recipes."""
-        return "test" if (self.opened.split.parts == TEST).any() else "train"
 
 
 def _named(folders: Iterable[Path]) -> dict[str, Path]:

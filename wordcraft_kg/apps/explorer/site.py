@@ -6,7 +6,7 @@ Both ways render the same pages by :class:`Site` and differ only in the addresse
 import json
 import os
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -44,6 +44,7 @@ from wordcraft_kg.base import (
     write_atomically,
 )
 from wordcraft_kg.base.tensors import torch_threads
+from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.reports.agent_report import ACTIONS
 from wordcraft_kg.reports.pages import Outline, make_environment
 from wordcraft_kg.runs.record import RUN_FILE
@@ -284,20 +285,25 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
     Raises:
         OutputExistsError: if the folder exists and ``force`` is False.
     """
-    files = _Files(explored)
+    names = _file_names(explored)
     skipped = {}
+
+    def address(page: Page[Any], state: PageState, *, seen_from: str) -> str:
+        target = names.get((page.name, state))
+        return "" if target is None else _relative(target, seen_from)
+
     # Pages need small sums alone: threads that wait for each other would take most of the time
     # where other work runs.
     with torch_threads(1), threadpool_limits(1), staged_folder(out, force=force) as folder:
         write_atomically(folder / "explorer.css", style_sheet())
-        write_atomically(folder / "search.js", files.search())
+        write_atomically(folder / "search.js", _search_script(explored.opened.graph, names))
         for name, text in static_texts(PACKAGE, SCRIPTS).items():
             write_atomically(folder / name, text)
-        for (page, state), name in steps("writing pages", list(files.names.items())):
+        for (page, state), name in steps("writing pages", list(names.items())):
             # Links are relative to the file that they are in, so each file has a site of its own.
             site = Site(
                 explored,
-                partial(files.address, seen_from=name),
+                partial(address, seen_from=name),
                 partial(_relative, to=name),
                 is_static=True,
             )
@@ -313,7 +319,7 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
             graph=explored.opened.graph.name,
             graph_hash=explored.opened.graph.hash,
             split_hash=explored.opened.split.hash,
-            pages=len(files.names),
+            pages=len(names),
             models={
                 name: predictor.model.run.outputs["model.safetensors"]
                 for name, predictor in explored.models.items()
@@ -325,38 +331,32 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
     return exported
 
 
-class _Files:
-    """File names of a site: ``names`` has each page's file by page name and settings."""
+def _file_names(explored: Explored) -> dict[tuple[str, PageState], str]:
+    """Return the file of each page by page name and settings."""
+    # Servers and disks open index.html first, so the first page has no name of its own.
+    names: dict[tuple[str, PageState], str] = {(HOME.name, HOME.state()): "index.html"}
+    taken = {"index.html"}
+    for page in PAGES.values():
+        for state in page.states(explored):
+            if (page.name, state) not in names:
+                name = _unused(f"{page.name}/{_stem(page, state)}", taken)
+                names[page.name, state] = name
+                taken.add(name)
+    return names
 
-    def __init__(self, explored: Explored):
-        self.explored = explored
-        # Servers and disks open index.html first, so the first page has no name of its own.
-        self.names: dict[tuple[str, PageState], str] = {(HOME.name, HOME.state()): "index.html"}
-        file_names = {"index.html"}
-        for page in PAGES.values():
-            for state in page.states(explored):
-                if (page.name, state) not in self.names:
-                    name = _unused(f"{page.name}/{_stem(page, state)}", file_names)
-                    self.names[page.name, state] = name
-                    file_names.add(name)
 
-    def address(self, page: Page[Any], state: PageState, *, seen_from: str) -> str:
-        target = self.names.get((page.name, state))
-        return "" if target is None else _relative(target, seen_from)
-
-    def search(self) -> str:
-        """Return the script with the entities and their files, the most used entities first."""
-        graph = self.explored.opened.graph
-        entity = PAGES["entity"]
-        by_use = sorted(range(graph.num_entities), key=lambda i: -graph.use_counts[i])
-        files = {
-            label: self.names.get((entity.name, entity.state(entity=label)))
-            for label in graph.labels(by_use)
-        }
-        entries = [(label, file) for label, file in files.items() if file]
-        # A script, not a JSON file: browsers refuse to fetch files for a page that was opened from
-        # a disk. ASCII only, so that the file's encoding does not matter.
-        return f"window.entities = {json.dumps(entries, ensure_ascii=True)};\n"
+def _search_script(graph: RecipeGraph, names: Mapping[tuple[str, PageState], str]) -> str:
+    """Return the script with the entities and their files, the most used entities first."""
+    by_use = sorted(range(graph.num_entities), key=lambda i: -graph.use_counts[i])
+    entity = PAGES["entity"]
+    files = {
+        label: names.get((entity.name, entity.state(entity=label)))
+        for label in graph.labels(by_use)
+    }
+    entries = [(label, file) for label, file in files.items() if file]
+    # A script, not a JSON file: browsers refuse to fetch files for a page that was opened from a
+    # disk. ASCII only, so that the file's encoding does not matter.
+    return f"window.entities = {json.dumps(entries, ensure_ascii=True)};\n"
 
 
 def _unused(stem: str, taken: set[str]) -> str:

@@ -1,10 +1,8 @@
 """Pages of entities: the list, an entity and its recipes; and the search by labels."""
 
 import unicodedata
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from itertools import chain
 from typing import Literal
 
 import numpy as np
@@ -280,18 +278,6 @@ class EntityProfile(Record):
     slots: tuple[PredictedSlot, ...]
     nearest: tuple[AlikeEntity, ...]
     by_words: tuple[AlikeEntity, ...] | None
-
-    @property
-    def held_out(self) -> int:
-        """Number of recipes outside the train part."""
-        counts = Counter(self.made_by.parts) + Counter(self.used_in.parts)
-        return counts["valid"] + counts["test"]
-
-    @property
-    def has_probabilities(self) -> bool:
-        """Whether any prediction has a probability."""
-        rows = chain.from_iterable(slot.best for slot in self.slots)
-        return any(row.probability is not None for row in rows)
 
 
 def _view(explored: Explored, state: EntityState) -> EntityProfile:

@@ -94,7 +94,7 @@ class EpisodeView(Record):
         goal: label of the goal.
         table: labels of the entities on the table.
         selection: label of the entity that is selected at the start; None for none.
-        agents: the agents; the others are compared with the first.
+        agents: the agents; the others are compared with the first, which acts.
     """
 
     distractor_seeds: Count
@@ -111,13 +111,6 @@ class EpisodeView(Record):
     table: tuple[str, ...]
     selection: str | None
     agents: tuple[AgentAtTable, ...]
-
-    @property
-    def first(self) -> ExplainedTable:
-        """The main agent's actions, with which other agents are compared."""
-        actions = self.agents[0].explained
-        assert actions is not None, "a problem of the first agent is an error"
-        return actions
 
 
 def _view(explored: Explored, state: EpisodeState) -> EpisodeView:

@@ -55,7 +55,6 @@ class LinkProfile(Record):
         relation: name of the relation.
         tail: label of the tail.
         model: name of the model.
-        has_seen_the_test_recipes: whether the model was trained on all recipes.
         link: the tail as an answer for the head, with training links that support it.
         head_rank: filtered rank of the head as an answer for the tail.
         outside: knowledge from outside the book that supports the link; empty if the model uses
@@ -69,7 +68,6 @@ class LinkProfile(Record):
     relation: Relation
     tail: str
     model: str
-    has_seen_the_test_recipes: bool
     link: PredictedEntity
     head_rank: float
     outside: tuple[OutsideEvidence, ...]
@@ -92,7 +90,6 @@ def _view(explored: Explored, state: LinkState) -> LinkProfile:
         relation=RELATIONS[relation],
         tail=graph.entities[tail],
         model=predictor.name,
-        has_seen_the_test_recipes=predictor.has_seen_the_test_recipes,
         link=link,
         head_rank=heads.ranks(np.array([head])).item(),
         outside=finder.of_link(head, RELATIONS[relation], tail) if finder else (),

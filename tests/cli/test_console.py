@@ -526,7 +526,7 @@ REFUSED = [
     ("score {trained}/one ? componentOf ?", "has several open slots"),
     ("score {trained}/one ? componentOf", "has several open slots"),
     ("score {trained}/one", "--in"),
-    ("score {trained}/one flour", "--in"),
+    ("score {trained}/one flour", "cannot parse query 'flour'"),
     ("score {trained}/one flour combinesWith --in x.csv", "--in"),
     ("score {trained}/one flour combinesWith --out x", "--in"),
     ("score {trained}/one --in {trained}", "is not a file"),

@@ -53,7 +53,7 @@ def test_a_sweep_trains_missing_runs_and_writes_its_results(printed, run, study,
 def test_a_dry_run_lists_everything_and_does_nothing(run, study, tmp_path):
     found = run("reproduce", study, "--out", tmp_path / "results", "--dry-run")
     assert found.code == 0
-    assert "1 graph, 4 runs, 1 scorer; 6 to perform" in found.out
+    assert "6 tasks; 6 to perform" in found.out
     assert "guided, seed 1" in found.out
     assert not (tmp_path / "results").exists()
 

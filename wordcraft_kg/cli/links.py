@@ -283,7 +283,15 @@ def score(
 
     whole("top", top, 1)
     words = list(query)
-    _check_query(words, file=queries, out=out)
+    if bool(words) == (queries is not None):
+        raise ConfigError(
+            "score needs a head, a relation and optionally a tail; a recipe such as a + b; or a "
+            "query file with --in."
+        )
+    if queries is None and out is not None:
+        raise ConfigError(
+            f"--out {out}: only the scores for a file are written; add a query file with --in."
+        )
     loaded = open_model(model, graph)
     if queries is None and is_set_query(loaded.scorer, words):
         output.result(*_scored_set(loaded, words, top, new_only=new_only))
@@ -333,22 +341,6 @@ def _scored_set(
     return view, list(suggestion_lines(view))
 
 
-def _check_query(words: list[str], *, file: Path | None, out: Path | None) -> None:
-    signs = ("+", "->", "→")
-    is_query = len(words) > 1 or any(sign in word for word in words for sign in signs)
-    has_file = file is not None
-    # Either words or a file, and words alone must be a whole query.
-    if bool(words) == has_file or not (has_file or is_query):
-        raise ConfigError(
-            "score needs a head, a relation and optionally a tail; a recipe such as a + b; or a "
-            "query file with --in."
-        )
-    if file is None and out is not None:
-        raise ConfigError(
-            f"--out {out}: only the scores for a file are written; add a query file with --in."
-        )
-
-
 def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str]:
     from wordcraft_kg.evaluation.scores import because
 
@@ -362,7 +354,7 @@ def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str
             f"{'score':>9}": f"{answer.score:9.4f}",
             "part": answer.known,
             "recipe" if is_recipe else "triple": form.format(*answer.slots.values()),
-            "probability": _chance(answer.probability),
+            "probability": answer.probability,
             "": "(learned)" if answer.in_sample else None,
         }
         for answer in answers
@@ -386,14 +378,6 @@ def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str
         }
         rank_texts = ", ".join(f"{role} {rank:,}" for role, rank in roles.items())
         yield f"rank among all {num_entities:,} entities, unfiltered: {rank_texts}"
-
-
-def _chance(share: float | None) -> str | None:
-    if share is None:
-        return None
-    if share > 0.99:
-        return "> 99 %"
-    return "< 0.1 %" if share < 0.001 else f"{100 * share:.2g} %"
 
 
 def _notes(kg: "TrainedOn", answers: Sequence["ScoredAnswer"]) -> Iterator[str]:
@@ -519,11 +503,6 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
         new_only=goal is None,
         rule=user_rule,
     )
-    if not (view.suggestions or view.made):
-        raise ConfigError(
-            f"nothing is left to propose: {book.name} has all recipes that the model looks at. Ask "
-            "for another pair, item or goal."
-        )
     lines = list(suggestion_lines(view))
     if isinstance(metrics, SetMetrics) and not any(metrics.fold_top):
         lines.append("In training no unseen goal got a right set: these suggestions are guesses.")

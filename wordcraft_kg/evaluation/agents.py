@@ -643,7 +643,6 @@ def view_evaluation(
     part: TaskPart,
     distractors: Sequence[int],
     distractor_seeds: int | None,
-    distractor_policy: DistractorPolicy | None = None,
     limit: int = MOST_TASKS,
 ) -> AgentEvaluation:
     """Evaluate a player on an agent's tasks.
@@ -656,8 +655,6 @@ def view_evaluation(
         distractors: distractor counts.
         distractor_seeds: tables per task; None as for
             :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
-        distractor_policy: where distractors are drawn from; None for the agent's setting in
-            training.
         limit: most tasks; of more, evenly spaced ones are played.
 
     Returns:
@@ -671,10 +668,7 @@ def view_evaluation(
     player = player_of(trained.policy, agent)
     tasks = trained.config.tasks
     policy = trained.config.policy
-    config = tasks.environment(part, distractors[0])
-    if distractor_policy is not None:
-        config = config.variant(distractor_policy=distractor_policy)
-    world = World(trained.opened, config)
+    world = World(trained.opened, tasks.environment(part, distractors[0]))
     evaluators = _evaluators(world, distractors, distractor_seeds, limit)
     results = _play(player, evaluators)
     against_scorer = None

@@ -52,7 +52,8 @@ def test_every_page_of_the_menu_has_its_view_as_json(client, explored):
 
 
 @pytest.mark.parametrize(
-    "address", ["/home", "/nothing", "/search?q=a", "/files/explorer.css", "/entity/nothing"]
+    "address",
+    ["/home", "/nothing", "/entities?q=a&format=json", "/files/explorer.css", "/entity/nothing"],
 )
 def test_every_answer_has_the_security_headers(client, address):
     answer = client.get(address)
@@ -96,7 +97,7 @@ def test_no_path_leads_out_of_the_site(client, path):
 @pytest.mark.parametrize(
     ("address", "status", "message"),
     [
-        ("/entities?sort=size", 400, "size"),
+        ("/recipes/bread?use=size", 400, "size"),
         ("/entities?page=99", 400, "page"),
         ("/entities?q=%ff", 400, "UTF-8"),
         ("/entities?q=" + "a" * (LONGEST_ADDRESS - 100), 200, ""),
@@ -109,11 +110,6 @@ def test_no_path_leads_out_of_the_site(client, path):
 def test_an_address_that_cannot_be_read_is_an_error(client, address, status, message):
     answer = client.get(address)
     assert (answer.status_code, message in answer.text) == (status, True)
-
-
-def test_search_finds_labels_and_their_addresses(client):
-    assert client.get("/search?q=BRE").json()[0] == ["bread", "/entity/bread"]
-    assert client.get("/search?q=").json() == client.get("/search?q=zzzz").json() == []
 
 
 def test_a_page_is_sent_at_once():

@@ -25,7 +25,6 @@ from threadpoolctl import threadpool_limits
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Addresses, Page, PageState
 from wordcraft_kg.apps.explorer.pages import HOME, PAGES
-from wordcraft_kg.apps.explorer.pages.entities import search_entities
 from wordcraft_kg.apps.web.guard import Guard, file_endpoint, static_texts, style_sheet
 from wordcraft_kg.base import (
     ConfigError,
@@ -170,7 +169,6 @@ def make_app(
     server = _Server(explored)
     routes = [
         Route("/", server.home),
-        Route("/search", server.search),
         Route(
             "/files/{name}",
             file_endpoint(PACKAGE, SCRIPTS, lambda message: server.error(404, message)),
@@ -193,12 +191,6 @@ class _Server:
 
     def home(self, _: Request) -> Response:
         return RedirectResponse(HOME.address(HOME.state()))
-
-    def search(self, request: Request) -> Response:
-        wanted = request.query_params.get("q", "")[:200]
-        entity = PAGES["entity"]
-        labels = search_entities(self.explored.opened.graph, wanted)
-        return _json([(label, entity.address(entity.state(entity=label))) for label in labels])
 
     def page(self, request: Request) -> Response:
         name = request.path_params["name"]

@@ -189,7 +189,7 @@ def test_slash_leads_to_the_search_and_enter_to_the_chosen_entity(open_page, sit
     assert page.locator("#found [aria-selected=true]").inner_text() == found[-1]
     page.keyboard.press("ArrowDown")
     page.keyboard.press("Enter")
-    page.wait_for_url("**/entity/bread")
+    page.wait_for_url("**/entity?entity=bread")
     assert page.locator("h1").inner_text() == "bread"
 
 

@@ -26,9 +26,6 @@ from wordcraft_kg.graphs import (
 from wordcraft_kg.models.scorers.features import EntityFeatures, glove_features
 from wordcraft_kg.models.scorers.link_evidence import Side
 
-EntityOrder = Literal["label", "layer", "recipes", "uses"]
-"""Ascending label or layer (entities that cannot be made come last), or descending number of
-recipes or uses."""
 ENTITIES_A_PAGE = 200
 NEAREST = 8
 """Similar entities on an entity's page."""
@@ -50,16 +47,14 @@ Use = Literal["makes", "uses"]
 
 
 class EntitiesState(PageState):
-    """Page settings: a filter and an order.
+    """Page settings: a search.
 
     Attributes:
-        q: text in the labels; empty for all entities.
-        sort: order, see :data:`EntityOrder`.
+        q: text in the labels, whatever its case and accents; empty for all entities.
         page: page number in the list.
     """
 
     q: str = ""
-    sort: EntityOrder = "label"
     page: int = 1
 
 
@@ -94,17 +89,9 @@ class EntityList(Record):
 def _view_list(explored: Explored, state: EntitiesState) -> EntityList:
     graph = explored.opened.graph
     ids = _matching(graph, state.q)
-    layer = layers_of(graph)
-    keys: dict[str, Ids] = {
-        "label": ids,
-        # Layer -1 means that an entity cannot be made: the last place, not the first.
-        "layer": np.where(layer < 0, graph.num_entities, layer)[ids],
-        "recipes": -graph.recipe_counts[ids],
-        "uses": -graph.use_counts[ids],
-    }
     shown = paging(len(ids), state.page, ENTITIES_A_PAGE)
-    # Ids are in the order of labels, so a stable sort breaks ties by label.
-    listed_ids = ids[np.argsort(keys[state.sort], kind="stable")][shown.rows]
+    listed_ids = np.array(ids[shown.rows], dtype=np.int64)
+    layer = layers_of(graph)
     rows = zip(
         graph.labels(listed_ids.tolist()),
         layer[listed_ids].tolist(),
@@ -121,50 +108,30 @@ def _view_list(explored: Explored, state: EntitiesState) -> EntityList:
     )
 
 
-def search_entities(graph: RecipeGraph, wanted: str, limit: int = 10) -> tuple[str, ...]:
-    """Return the labels that a text may mean.
-
-    Args:
-        graph: graph with the entities.
-        wanted: text in the labels, whatever its case and accents; empty for no entity.
-        limit: most labels to return.
-
-    Returns:
-        the label that equals the text, then labels that begin with it, that have it at the start of
-        a word, and that have it elsewhere; among these by descending use count. In the kitchen,
-        "BRE" gives bread and bread crumbs.
-    """
-    text = _folded(wanted)
-    if not text:
-        return ()
-    names = _folded_labels(graph)
-    use_counts = graph.use_counts
-
-    def key(i: int) -> tuple[bool, bool, bool, int, int]:
-        # False sorts before True: the better match first. The id at the end makes the order total.
-        name = names[i]
-        return (
-            name != text,
-            not name.startswith(text),
-            f" {text}" not in name,
-            -use_counts[i],
-            i,
-        )
-
-    return graph.labels(sorted(_matching(graph, wanted).tolist(), key=key)[:limit])
-
-
 def _folded(text: str) -> str:
     # NFKD separates accents from letters; the accents are then left out.
     letters = unicodedata.normalize("NFKD", text.strip().casefold())
     return "".join(letter for letter in letters if not unicodedata.combining(letter))
 
 
-def _matching(graph: RecipeGraph, wanted: str) -> Ids:
+def _matching(graph: RecipeGraph, wanted: str) -> Sequence[int]:
+    """Return the ids of the labels that a text may mean; all of them for an empty text.
+
+    The label that equals the text comes first, then labels that begin with it, that have it at the
+    start of a word, and that have it elsewhere; among these by descending use count. In the
+    kitchen, "BRE" gives bread and bread crumbs.
+    """
     text = _folded(wanted)
-    matches = [i for i, name in enumerate(_folded_labels(graph)) if text in name]
-    # The type for an empty list, of which NumPy would make floats.
-    return np.array(matches, dtype=np.int64)
+    if not text:
+        return range(graph.num_entities)
+    names = _folded_labels(graph)
+
+    def key(i: int) -> tuple[bool, bool, bool, int]:
+        # False sorts before True: the better match first.
+        name = names[i]
+        return name != text, not name.startswith(text), f" {text}" not in name, -graph.use_counts[i]
+
+    return sorted((i for i, name in enumerate(names) if text in name), key=key)
 
 
 # Four graphs, since tests and notebooks open several; a search asks for all labels at each key
@@ -182,8 +149,7 @@ def layers_of(graph: RecipeGraph) -> Ids:
 
 def _exported_lists(explored: Explored) -> Iterator[EntitiesState]:
     pages = num_pages(explored.opened.graph.num_entities, ENTITIES_A_PAGE)
-    for order in ("label", "layer", "recipes", "uses"):
-        yield from (EntitiesState(sort=order, page=page) for page in range(1, pages + 1))
+    return (EntitiesState(page=page) for page in range(1, pages + 1))
 
 
 PAGE = Page("entities", EntitiesState, _view_list, title="Entities", exported=_exported_lists)

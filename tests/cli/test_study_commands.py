@@ -138,7 +138,7 @@ def test_json_has_all_figures_and_the_report(printed, run, file, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ("--out {folder}/empty", "has no results yet. Run a study first"),
+        ("--out {folder}/empty", "has results of no study yet; name a study"),
         ("x --out {folder}/empty", "has no study 'x'"),
         ("{folder}/broken.json", "damaged"),
         ("{folder}/none.json --plot", "no finished run"),

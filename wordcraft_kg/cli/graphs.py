@@ -181,8 +181,7 @@ def _left_out(view: CheckedBook) -> Iterator[str]:
     assert view.reading is not None
     for reason, places in view.left_out.items():
         number = view.reading.left_out[reason]
-        ellipsis = ", ..." if number > len(places) > 0 else ""
-        at = f" (at {', '.join(map(str, places))}{ellipsis})" if places else ""
+        at = f" (at {listed([*map(str, places)], total=number)})" if places else ""
         yield f"left out: {counted(number, 'row')} {reason}{at}"
     if view.columns_left_out:
         yield f"left out: the columns {', '.join(view.columns_left_out)}"

@@ -32,7 +32,6 @@ from wordcraft_kg.cli.console import (
 )
 from wordcraft_kg.cli.options import Force, MovedGraph, Paths, Table, Words
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.scorers.score_limits import MAX_QUERIES
 from wordcraft_kg.models.scorers.sets.rules import read_rule
 
 if TYPE_CHECKING:
@@ -46,7 +45,6 @@ if TYPE_CHECKING:
 
 EXPLAINED = 3
 """Number of answers that are shown with evidence."""
-FILE_ONLY = {"evaluate-links": ("--max-queries",)}
 EXAMPLES = {
     "evaluate-links": (
         "wordcraft-kg evaluate-links models/everyday",
@@ -69,11 +67,10 @@ EXAMPLES = {
 }
 
 
-def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
+def evaluate_links(
     model: Path,
     *,
     graph: MovedGraph = None,
-    max_queries: int = MAX_QUERIES,
     predictions: Paths = None,
     rule: str | None = None,
     out: Path | None = None,
@@ -89,8 +86,6 @@ def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
 
     Args:
         model: model folder.
-        max_queries: most queries to rank, two for each triple; above this, a uniform sample is
-            ranked. 0 ranks all.
         predictions: for a model of sets, a JSON file with sets of ingredients by goal, best first,
             such as {"mud": [["earth", "water"]]}, perhaps gzipped; may be repeated.
         rule: for a model of sets, function of yours, module:function, that allows sets: it takes a
@@ -120,7 +115,6 @@ def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
         trained.kg,
         train_sample=trained.train_sample,
         made_by_other_books=trained.made_by_other_books,
-        max_queries=max_queries,
     )
     view = view_links(links, name=model.name, provenance=trained.provenance, trace=trained.trace)
     write_report(make_link_report(view, links.labelled_ranks), folder, force=force)
@@ -185,22 +179,11 @@ def _shares(top: "TopShares") -> str:
 
 
 def _rows_of_evaluation(view: "LinkView") -> list[dict[str, Any]]:
-    """Return the table of an evaluation: the model, baselines, and the model on some triples."""
+    """Return the table of an evaluation: the model, by relation, and baselines."""
     name = view.model.name
     tables: list[tuple[str, str, RankingMetrics]]
     tables = [(name, part, view.metrics[part]) for part in ("all", *RELATIONS)]
     tables += [(baseline, "all", parts["all"]) for baseline, parts in view.baselines.items()]
-    if not view.model.has_seen_the_test_recipes:
-        # Recipes that do not nearly repeat a train recipe.
-        tables += [
-            (name, "no near-synonym", row)
-            for row in view.drill_down.near_synonyms
-            if row.slice == "no such train recipe"
-        ]
-        tables += [(name, row.slice, row) for row in view.drill_down.other_book]
-        if view.leaked_left_out and view.model.kg != "none":
-            # Training contains them, so the metrics are inflated by memory.
-            tables.append((name, "with leaked (seen)", view.with_leaked))
     return [
         {
             "model": model,
@@ -263,7 +246,7 @@ def score(
             a missing tail is; or a recipe such as a + b = c. Quote labels with blanks or signs, and
             'a + b -> c'. If an entity is called _ (or ?), write ? (or _) for the open slot.
         top: entities to list for an open slot.
-        new_only: leave out known triples or recipes.
+        new_only: leave known triples or recipes out of the list for an open slot.
         queries: CSV or TSV file with head, relation and tail, or with the header
             ingredient_a,ingredient_b,result; an empty cell or _ is an open slot.
         out: CSV or TSV file for the scores of --in. Default: print the scores.
@@ -299,8 +282,6 @@ def score(
     entities = frozenset(loaded.scorer.entities)
     if queries is None:
         query_list = [parse_query(words, entities)]
-        if new_only and not query_list[0].is_open:
-            raise ConfigError("`new_only` filters a ranking; leave a slot open.")
     else:
         query_list = read_queries(queries, entities)
     outside = OutsideEvidenceFinder.open(model, loaded.opened)
@@ -332,8 +313,6 @@ def _scored_set(
 
     entities = frozenset(model.opened.graph.entities)
     ingredients, result, size = parse_set(words, entities)
-    if ingredients and new_only:
-        raise ConfigError("`new_only` filters a ranking; leave a slot open.")
     if ingredients:
         view = score_set(model, ingredients, result)
     else:

@@ -227,22 +227,15 @@ def _collect(study: str | None, root: Path) -> tuple[StudyResults, Path]:
         study: name of a study in the results folder, or a results file; None for the only study.
         root: the results folder.
     """
-    path = Path(study or "")
-    if path.suffix != ".toml" and path.is_file():
-        return read_record(path, StudyResults), path.parent
-    if path.suffix in (".toml", ".json"):
-        raise ConfigError(
-            f"'{study}' is no file of results. Give one, or the name of a study in '{root}'."
-        )
+    if study is not None and study.endswith(".json"):
+        return read_record(Path(study), StudyResults), Path(study).parent
     if study is None:
         names = studies_of(root)
-        if not names:
+        if len(names) != 1:
             raise ConfigError(
-                f"'{root}' has no results yet. Run a study first (`wordcraft-kg reproduce --list` "
-                "names them), or give the folder of its results with --out."
+                f"'{root}' has results of {', '.join(names) or 'no study yet'}; name a study, or "
+                "run one first (`wordcraft-kg reproduce --list` names them)."
             )
-        if len(names) > 1:
-            raise ConfigError(f"'{root}' has results of {', '.join(names)}; name a study.")
         # With one study in the folder, its name says nothing new.
         (study,) = names
     return collect_study(root, study), root

@@ -17,7 +17,6 @@ from wordcraft_kg.apps.explorer.pages import entities
 from wordcraft_kg.apps.explorer.pages.entities import (
     EntitiesState,
     EntityState,
-    RecipesState,
 )
 from wordcraft_kg.apps.explorer.pages.home import HomeState
 from wordcraft_kg.graphs import PARTS, layers
@@ -142,9 +141,3 @@ def test_the_nearest_in_the_model_are_not_the_entity_itself(neighbours):
     cosines = [row.cosine for row in found]
     assert cosines == sorted(cosines, reverse=True)
     assert cosines[0] > 0.3
-
-
-def test_the_partner_of_an_entity_may_be_itself():
-    explored = explored_graph([("a", "a", "b"), ("a", "z", "b"), ("Z", "a", "b")])
-    rows = view_of(explored, RecipesState("a")).recipes
-    assert [row.partners("a") for row in rows] == [("Z",), ("a",), ("z",)]

@@ -4,7 +4,6 @@ import pytest
 
 from tests.apps.explorer.shown import client_of, explored_graph, look, view_of
 from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.apps.explorer.pages.entities import EntityState, RecipesState
 from wordcraft_kg.apps.explorer.pages.link import PairState
 from wordcraft_kg.apps.explorer.pages.path import PathState
 from wordcraft_kg.apps.explorer.predictor import recipes_giving
@@ -111,17 +110,6 @@ BASE = ["egg", "flour", "salt", "water"]
 def test_a_site_of_sets_has_all_pages(tmp_path):
     exported = export_site(explored_graph(ROWS, BASE), tmp_path / "site")
     assert not exported.skipped
-
-
-def test_recipes_of_an_entity_name_all_other_ingredients():
-    explored = explored_graph(ROWS, BASE)
-    partners = {
-        row.recipe.result: row.partners("flour")
-        for row in view_of(explored, RecipesState("flour")).recipes
-    }
-    expected = {"dough": ("salt", "water"), "paste": ("water",), "pasta": ("egg", "egg")}
-    assert partners == expected
-    assert "nothing else" in look(explored, EntityState("dough")).text
 
 
 def test_a_pair_has_the_recipes_with_both_ingredients():

@@ -188,7 +188,6 @@ def test_the_json_of_a_page_is_json_whatever_its_labels_are(hostile_client):
         ("--port 70000", "70000", "ConfigError"),
         ("--host no.such.host.invalid", "unknown host", "ConfigError"),
         ("--host 203.0.113.7", "not an address of this machine", "ConfigError"),
-        ("--force", "--export", "ConfigError"),
         ("--model nowhere", "nowhere", "ArtefactError"),
         ("--run nowhere", "nowhere", "ArtefactError"),
     ],

@@ -156,17 +156,9 @@ class Explored:
         run = self.once(("run", name), lambda: FollowedRun(self.runs[name], self.opened))
         return name, run
 
-    @staticmethod
-    def tasks_of(run: FollowedRun | None) -> TaskConfig:
-        """Return a run's task settings; defaults without a readable run."""
-        with suppress(ArtefactError):
-            if run is not None:
-                return run.records().config.tasks
-        return TaskConfig()
-
     def settings_of(
         self,
-        tasks: TaskConfig,
+        run: FollowedRun | None,
         part: AskedPart = "",
         depth: AskedDepth = 0,
         distractors: int | None = None,
@@ -174,7 +166,7 @@ class Explored:
         """Return the environment settings of an agent's training tasks, with changes.
 
         Args:
-            tasks: task settings of the agent's training.
+            run: the agent's run; without a readable one, the settings are the defaults.
             part: part of the tasks; empty for test, or train without test recipes.
             depth: depth of the tasks, in crafts; 0 for the training depth.
             distractors: distractors on the table; None for as many as in training.
@@ -185,6 +177,10 @@ class Explored:
         Raises:
             ConfigError: if a number is out of range.
         """
+        tasks = TaskConfig()
+        with suppress(ArtefactError):
+            if run is not None:
+                tasks = run.records().config.tasks
         if depth and depth != tasks.depth:
             # With fewer attempts than crafts, no task could be solved: WordCraftConfig would raise.
             tasks = replace(tasks, depth=depth, max_attempts=None)

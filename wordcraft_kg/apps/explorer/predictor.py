@@ -52,12 +52,6 @@ class PlacedRecipe(Record):
     recipe: Recipe
     part: Part
 
-    def partners(self, entity: str) -> tuple[str, ...]:
-        """Return the other ingredients; an entity that is needed twice is its own partner."""
-        others = list(self.recipe.ingredients)
-        others.remove(entity)
-        return tuple(others)
-
 
 class PredictedEntity(Record):
     """An answer to a query, with a model's score for the link that it makes.

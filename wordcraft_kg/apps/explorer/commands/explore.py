@@ -4,16 +4,13 @@ import os
 import sys
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base import ConfigError, check_output
+from wordcraft_kg.base import check_output
 from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.cli.options import Book, Force, Paths
-
-if TYPE_CHECKING:
-    from wordcraft_kg.apps.explorer.explored import Explored
 
 GROUP = "In the browser"
 EXAMPLES = (
@@ -57,15 +54,19 @@ def explore(  # noqa: PLR0913 - parameters are the command's options
     """
     from wordcraft_kg.base.extras import check_extra
 
-    if export is None and force:
-        raise ConfigError("--force replaces an exported folder; add --export FOLDER.")
     check_extra("explore")
     from wordcraft_kg.apps.explorer.explored import Explored
 
     if export is not None:
+        from wordcraft_kg.apps.explorer.site import export_site
+
         # Before the work, which takes seconds.
         check_output(export, force=force)
-        _export(Explored.open(graph, model or (), run or ()), export, force, output)
+        site = export_site(Explored.open(graph, model or (), run or ()), export, force=force)
+        lines = [f"wrote {export}: {site.pages:,} pages   open {export / 'index.html'}"]
+        if site.skipped:
+            lines.append(f"skipped pages: {len(site.skipped):,}, named in site.json")
+        output.result(site, lines)
         return
     from wordcraft_kg.apps.explorer.site import make_app
     from wordcraft_kg.apps.web.serving import listen, serve
@@ -88,14 +89,3 @@ def explore(  # noqa: PLR0913 - parameters are the command's options
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(0)
-
-
-def _export(explored: "Explored", out: Path, force: bool, output: Output) -> None:
-    from wordcraft_kg.apps.explorer.site import export_site
-
-    site = export_site(explored, out, force=force)
-    lines = [f"wrote {out}: {site.pages:,} pages"]
-    if site.skipped:
-        example = next(iter(site.skipped.items()))
-        lines.append(f"skipped pages: {len(site.skipped):,}, such as {example}")
-    output.result(site, [*lines, f"open {out / 'index.html'}"])

@@ -16,8 +16,6 @@ from wordcraft_kg.base import ArtefactError, ConfigError, Count, Record, WordCra
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import Recipe, TaskPart
 
-LISTED_SEEDS = 5
-"""Distractor seeds offered on the page, as many as the evaluation uses."""
 MOST_ROWS = 160
 """Maximum rows of slots on a page; large pages show only the best slots of each action."""
 
@@ -80,8 +78,6 @@ class EpisodeView(Record):
     """A task, the entities on its table, and the actions of one or more agents there.
 
     Attributes:
-        distractor_seeds: number of distractor seeds to choose from.
-        trained_with: number of distractors in the first agent's training.
         most_slots: most slots to list for each action.
         part: part of the task.
         depth: depth of the task, in crafts.
@@ -97,8 +93,6 @@ class EpisodeView(Record):
         agents: the agents; the others are compared with the first, which acts.
     """
 
-    distractor_seeds: Count
-    trained_with: Count
     most_slots: Count
     part: TaskPart
     depth: int
@@ -116,10 +110,9 @@ class EpisodeView(Record):
 def _view(explored: Explored, state: EpisodeState) -> EpisodeView:
     """Return the page: a task of the main agent's world, and what each agent does at its table."""
     main_name, main_run = explored.followed(state.run)
-    tasks = explored.tasks_of(main_run)
     distractors = None if state.distractors < 0 else state.distractors
     # All agents act by the rules of one world, that of the first agent.
-    world = explored.world_of(explored.settings_of(tasks, state.part, state.depth, distractors))
+    world = explored.world_of(explored.settings_of(main_run, state.part, state.depth, distractors))
     # A dict, so that a run that is given twice is shown once; the first is shown above.
     other_runs = dict(explored.followed(name) for name in state.other if name)
     other_runs.pop(main_name, None)
@@ -137,8 +130,6 @@ def _view(explored: Explored, state: EpisodeState) -> EpisodeView:
     steps = sum(len(agent.explained.episode.steps) for agent in agents if agent.explained)
     terminations = _terminations(main_run, world, state.task)
     return EpisodeView(
-        distractor_seeds=max(LISTED_SEEDS, len(terminations)),
-        trained_with=tasks.distractors,
         most_slots=max(MOST_ROWS // steps, 4),
         part=world.config.part,
         depth=world.config.depth,

@@ -197,7 +197,7 @@ def list_tasks(explored: Explored, state: TasksState) -> ShownTasks:
     # Tasks need no agent; but a name without runs is an error that tells how to start with one.
     if explored.runs or state.run:
         name, run = explored.followed(state.run)
-    config = explored.settings_of(explored.tasks_of(run), state.part, state.depth)
+    config = explored.settings_of(run, state.part, state.depth)
     tasks = explored.plain_world(config).tasks
     missing = ""
     results: Outcomes = ()

@@ -451,6 +451,8 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
         check_new_table,
         open_suggesting,
         suggest as suggest_for,
+        ticked,
+        write_accepted,
         write_suggestions,
     )
     from wordcraft_kg.models.recipes.recipe_records import SetMetrics
@@ -462,7 +464,13 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
     if accept is not None:
         if out is None or pair or goal or with_item or start or rule:
             raise ConfigError("`accept` writes a longer book to `out`; give both, and no query.")
-        _write_longer_book(book, accept, out, output)
+        recipes = ticked(accept, book)
+        write_accepted(book, recipes, out)
+        line = (
+            f"wrote {out}: {book.num_recipes:,} recipes of {book.name} and {len(recipes):,} of "
+            f"{accept}   next: {command_line('build-graph', out)}"
+        )
+        output.result({"out": str(out), "accepted": recipes}, [line])
         return
     metrics = recipe_model.metrics
     if any_parts and not isinstance(metrics, SetMetrics):
@@ -516,18 +524,6 @@ def _read_wish(
     if start is not None and not table:
         raise ConfigError("`from` has no entity; expected labels between commas. Name one or more.")
     return Wish(goal=goal, item=item, pair=labels, table=table)
-
-
-def _write_longer_book(book: "RecipeGraph", table: Path, out: Path, output: Output) -> None:
-    from wordcraft_kg.evaluation.suggestions import ticked, write_accepted
-
-    recipes = ticked(table, book)
-    write_accepted(book, recipes, out)
-    lines = [
-        f"wrote {out}: {book.num_recipes:,} recipes of {book.name} and "
-        f"{len(recipes):,} of {table}   next: {command_line('build-graph', out)}"
-    ]
-    output.result({"out": str(out), "accepted": recipes}, lines)
 
 
 def suggestion_lines(view: "Suggestions") -> Iterator[str]:

@@ -212,7 +212,8 @@ class _Server:
         try:
             state = page.read(subject, [entry for entry in query if entry != ("format", "json")])
             if ("format", "json") in query:
-                return _json(as_values(page.view(self.explored, state)))
+                values = as_values(page.view(self.explored, state))
+                return Response(json_text(values), media_type="application/json")
             text = self.site.page(page, state)
         except UnknownEntityError as error:
             return self.error(404, str(error))
@@ -228,13 +229,8 @@ class _Server:
         return Response(self.site.error(status, message), status, media_type="text/html")
 
 
-def _json(values: Any) -> Response:
-    return Response(json_text(values), media_type="application/json")
-
-
 # --- as a static folder ---------------------------------------------------------------------------
 
-SITE_FILE = "site.json"
 LONGEST_NAME = 60
 """Letters of a file name that come from page settings: file systems allow 255 bytes."""
 
@@ -319,7 +315,7 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
             runs={name: sha256_of(path / RUN_FILE) for name, path in explored.runs.items()},
             skipped=skipped,
         )
-        write_atomically(folder / SITE_FILE, dump_json(as_values(exported)))
+        write_atomically(folder / "site.json", dump_json(as_values(exported)))
     return exported
 
 

@@ -52,8 +52,7 @@ class PathView(Record):
         parts: number of crafts by the split part of their recipes; parts without any are left out.
         paging: which crafts are listed.
         listed: the listed crafts.
-        recipes: number of recipes that make the goal.
-        blocked: some of the ``recipes`` for an impossible goal.
+        blocked: some of the recipes that make an impossible goal.
     """
 
     entity: str
@@ -62,7 +61,6 @@ class PathView(Record):
     parts: dict[Part, Count]
     paging: Paging
     listed: tuple[PlacedRecipe, ...]
-    recipes: Count
     blocked: tuple[Blocked, ...]
 
 
@@ -87,7 +85,6 @@ def _view(explored: Explored, state: PathState) -> PathView:
         parts={part: parts.count(part) for part in PARTS if part in parts},
         paging=shown,
         listed=steps[shown.rows],
-        recipes=len(graph.recipes_of(goal)),
         blocked=() if is_possible else _blocked(planner, goal),
     )
 

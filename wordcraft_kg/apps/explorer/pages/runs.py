@@ -129,8 +129,8 @@ class RunView(Record):
     def pictures(self) -> dict[str, object]:
         """The curves as SVG; empty for a run without curves of the kind."""
         name = self.row.name
-        # Success on test tasks has a picture of its own.
-        figures = {key: curve for key, curve in self.training.items() if key != "test_success"}
+        figures = dict(self.training)
+        figures.pop("test_success", None)  # has a separate picture
         return {
             "success": picture_of_success({name: self.curves}) if self.curves else "",
             "lambdas": picture_of_lambdas(name, self.lambdas) if self.lambdas else "",

@@ -331,6 +331,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             load_plugin(plugin)
         command, bound, _ = make_app().parse_args(tokens, print_error=False, exit_on_error=False)
         output = bound.arguments.get("output", output)
+        _check_working_folder()
         with output.session():
             return int(command(*bound.args, **bound.kwargs) or 0)
     except SystemExit as stop:
@@ -369,6 +370,16 @@ def without_plugins(tokens: Sequence[str]) -> tuple[list[str], list[str]]:
 def _close_stdout() -> None:
     """Discard the text that stdout did not take: Python would flush it at exit, and fail again."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _check_working_folder() -> None:
+    """Raise ConfigError if the working folder was deleted: libraries then end the process."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        raise ConfigError(
+            "the working folder does not exist any more. Change to an existing folder with cd."
+        ) from None
 
 
 def _check_text(text: str) -> None:

@@ -220,7 +220,7 @@ def explain(
     *,
     goal: str | None = None,
     task: int | None = None,
-    episodes: int | None = None,
+    episodes: int = 3,
     part: Part = "test",
     distractors: int | None = None,
     graph: MovedGraph = None,
@@ -238,8 +238,7 @@ def explain(
         run: run folder.
         goal: entity to make. Default: tasks spread evenly over the part.
         task: number of the task, from 0.
-        episodes: episodes to play; several of a task have different distractors. Default: 3, or 1
-            with `task`.
+        episodes: episodes to play; several of a task have different distractors.
         distractors: number of distractors on the table. Default: as in training.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
@@ -247,9 +246,7 @@ def explain(
 
     if goal is not None and task is not None:
         raise ConfigError("`goal` and `task` both choose tasks; give one of them.")
-    if episodes is None:
-        episodes = 3 if task is None else 1
-    episodes = whole("episodes", episodes, 1, MAX_SIZE)
+    whole("episodes", episodes, 1, MAX_SIZE)
     agent = open_agent(run, graph)
     view = view_explanation(run, agent, part, distractors, goal, episodes, task=task)
     lines: list[str] = []

@@ -120,9 +120,8 @@ class Explored:
             )
         name = name or next(iter(known))
         if name not in known:
-            shown = name[:60]  # addresses may be of any length
             raise UnknownEntityError(
-                f"no {kind} '{shown}'; there is {', '.join(known)}.{nearest(shown, known)}"
+                f"no {kind} '{name}'; there is {', '.join(known)}.{nearest(name, known)}"
             )
         return name
 

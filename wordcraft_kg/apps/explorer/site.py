@@ -168,7 +168,7 @@ def make_app(
     """
     server = _Server(explored)
     routes = [
-        Route("/", server.home),
+        Route("/", lambda _: RedirectResponse(HOME.address(HOME.state()))),
         Route(
             "/files/{name}",
             file_endpoint(PACKAGE, SCRIPTS, lambda message: server.error(404, message)),
@@ -188,9 +188,6 @@ class _Server:
             explored, lambda page, state: page.address(state), lambda name: f"/files/{name}"
         )
         self.site.page(HOME, HOME.state())  # so that the first page is ready with the address
-
-    def home(self, _: Request) -> Response:
-        return RedirectResponse(HOME.address(HOME.state()))
 
     def page(self, request: Request) -> Response:
         name = request.path_params["name"]

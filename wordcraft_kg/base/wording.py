@@ -15,7 +15,6 @@ vectors. Answers in texts are read more leniently, see :mod:`wordcraft_kg.base.l
 import re
 import unicodedata
 from collections.abc import Callable, Iterable, Sequence
-from decimal import Decimal
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
@@ -67,15 +66,6 @@ def listed(names: Sequence[str], most: int = 10, total: int | None = None) -> st
     num_hidden = (len(names) if total is None else total) - most
     ending = f" and {num_hidden:,} more" if num_hidden > 0 else ""
     return ", ".join(names[:most]) + ending
-
-
-def approximate(number: int) -> str:
-    """Return a natural number as text: digits such as ``1,200``, or from 10^12 a power of ten."""
-    if number < 10**12:
-        return f"{number:,}"
-    # Python does not print more than 4,300 digits, and such a number exceeds a float.
-    leading, exponent = f"{Decimal(number):.1e}".split("e+")
-    return f"about {float(leading):g} × 10^{exponent}"
 
 
 _BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"

@@ -75,14 +75,8 @@ def compare(
         raise ConfigError("compare needs run folders (agents) or model folders (link predictors).")
     folders = [run_folders(run) for run in runs]
     kinds = [read_run(seeds[0], "a run of an agent or a link predictor").kind for seeds in folders]
-    agent = next((run for run, kind in zip(runs, kinds, strict=True) if kind == AGENT), None)
-    predictor = next((run for run, kind in zip(runs, kinds, strict=True) if kind != AGENT), None)
-    if agent and predictor:
-        mixture = f"'{agent}' is an agent and '{predictor}' is a link predictor"
-        raise ConfigError(
-            f"{mixture}: they cannot be compared. Give agents only, or link predictors only."
-        )
-    if agent:
+    # A link predictor among agents is refused by its name when it is opened.
+    if AGENT in kinds:
         everyone = list(chain.from_iterable(folders))
         _compare_agents(everyone, agents, graph, out, table, force, output)
     else:

@@ -2,7 +2,7 @@
 
 import logging
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -55,7 +55,6 @@ from wordcraft_kg.graphs import (
     write_graph_folder,
 )
 from wordcraft_kg.graphs.audit import Audit, EntityView, view_entity
-from wordcraft_kg.graphs.book_check import Finding
 from wordcraft_kg.graphs.book_files import book_name
 from wordcraft_kg.graphs.export import EXPORTERS, ExportPart, Format, export_graph
 from wordcraft_kg.graphs.library import (
@@ -66,7 +65,6 @@ from wordcraft_kg.graphs.library import (
     published_fold,
 )
 from wordcraft_kg.graphs.planner import derivation_tree
-from wordcraft_kg.graphs.recipes import case_variants, note_of_missing
 from wordcraft_kg.graphs.splits import default_config, read_published_split
 
 EXAMPLES = {
@@ -184,22 +182,12 @@ def check_book(
     return 0 if view.passed else 1
 
 
-def _where(finding: Finding) -> str:
-    """Return the lines of a finding before its message; a finding about the whole file has none."""
-    if not finding.lines:
-        return ""
-    noun = "line" if len(finding.lines) == 1 else "lines"
-    numbers = ", ".join(map(str, finding.lines))
-    return f"{noun} {numbers}: "
-
-
 def _left_out(view: CheckedBook) -> Iterator[str]:
     """Yield what the mended book lacks: rows by reason with their places, and columns."""
     assert view.reading is not None
     for reason, places in view.left_out.items():
         number = view.reading.left_out[reason]
-        ellipsis = ", ..." if number > len(places) > 0 else ""
-        at = f" (at {', '.join(map(str, places))}{ellipsis})" if places else ""
+        at = f" (at {listed([*map(str, places)], total=number)})" if places else ""
         yield f"left out: {counted(number, 'row')} {reason}{at}"
     if view.columns_left_out:
         yield f"left out: the columns {', '.join(view.columns_left_out)}"
@@ -214,7 +202,9 @@ def _text_of_check(view: CheckedBook) -> Iterator[str]:
         kind = f"{finding.severity} [{finding.kind}]"
         counts[kind] += 1
         if counts[kind] <= _MOST_FINDINGS:
-            yield f"{kind} {_where(finding)}{with_options(finding.message)}"
+            # A finding about the whole file has no lines.
+            where = f"line {', '.join(map(str, finding.lines))}: " if finding.lines else ""
+            yield f"{kind} {where}{with_options(finding.message)}"
     # Kinds that were cut say so after all findings, where the eye ends.
     for kind, number in counts.items():
         if number > _MOST_FINDINGS:
@@ -289,7 +279,7 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
         kind = default_config(graph).kind if split is None else split
         partition = make_split(graph, SplitConfig(kind, train_ratio, valid_ratio, seed))
     audited = write_graph_folder(folder, recipes, partition, force=force)
-    _warn(audited, graph.entities)
+    _warn(audited)
     full = ("--kg", "full") if split == "none" else ()
     following = command_line("train-recipes", folder, *full)
     end = f"wrote {folder}/   next: {following}"
@@ -353,7 +343,7 @@ def describe(
         output.result(view, _entity_text(view))
         return
     audited = audit(opened.graph, opened.split)
-    _warn(audited, opened.graph.entities)
+    _warn(audited)
     title = f"graph {opened.graph.name}"
     output.result(audited, [title, *lines_of(audited, of_sets=audited.sets is not None)])
 
@@ -395,7 +385,7 @@ def lines_of_build(view: Audit) -> Iterator[str]:
     yield from aligned(rows)
 
 
-def _warn(audited: Audit, labels: Sequence[str]) -> None:
+def _warn(audited: Audit) -> None:
     """Warn about the base, unreachable entities, and labels that may be slips."""
     warn = logging.getLogger(__name__).warning
     base = listed([*map(quoted, audited.base)])
@@ -421,20 +411,14 @@ def _warn(audited: Audit, labels: Sequence[str]) -> None:
         warn("%s entities cannot be made from the base (%s): %s", number, base, names)
     # A chat bot lists results as Lava and ingredients as lava: then half of the recipes are out of
     # reach, and nothing else names the cause.
-    variants = case_variants(labels)
-    if variants:
-        number = f"{len(variants):,} groups of labels differ"
-        if len(variants) == 1:
-            number = "2 labels differ"
-        shown = listed([" and ".join(map(quoted, group)) for group in variants])
+    if audited.labels.alike:
+        groups = [" and ".join(map(quoted, group)) for group in audited.labels.alike_labels]
         warn(
-            "%s only in case: %s. If they are the same thing, read the book with --case fold.",
-            number,
-            shown,
+            "%s of labels are alike: %s. If labels differ only in case and are the same thing, "
+            "read the book with --case fold.",
+            counted(audited.labels.alike, "group"),
+            listed(groups, total=audited.labels.alike),
         )
-    # Labels that often stand for nothing, such as NA, and are entities.
-    for note in note_of_missing(labels):
-        warn("%s; leave such rows out where they mean a missing value or no result.", note)
 
 
 def _entity_text(view: EntityView) -> Iterator[str]:

@@ -34,7 +34,6 @@ from wordcraft_kg.cli.console import (
 )
 from wordcraft_kg.cli.options import Force, MovedGraph, Paths, Table, Words
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.scorers.score_limits import MAX_QUERIES
 from wordcraft_kg.models.scorers.sets.rules import read_rule
 
 if TYPE_CHECKING:
@@ -48,7 +47,6 @@ if TYPE_CHECKING:
 
 EXPLAINED = 3
 """Number of answers that are shown with evidence."""
-FILE_ONLY = {"evaluate-links": ("--max-queries",)}
 EXAMPLES = {
     "evaluate-links": (
         "wordcraft-kg evaluate-links models/everyday",
@@ -71,11 +69,10 @@ EXAMPLES = {
 }
 
 
-def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
+def evaluate_links(
     model: Path,
     *,
     graph: MovedGraph = None,
-    max_queries: int = MAX_QUERIES,
     predictions: Paths = None,
     rule: str | None = None,
     out: Path | None = None,
@@ -91,8 +88,6 @@ def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
 
     Args:
         model: model folder.
-        max_queries: most queries to rank, two for each triple; above this, a uniform sample is
-            ranked. 0 ranks all.
         predictions: for a model of sets, a JSON file with sets of ingredients by goal, best first,
             such as {"mud": [["earth", "water"]]}, perhaps gzipped; may be repeated.
         rule: for a model of sets, function of yours, module:function, that allows sets: it takes a
@@ -122,7 +117,6 @@ def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
         trained.kg,
         train_sample=trained.train_sample,
         made_by_other_books=trained.history.made_by_other_books,
-        max_queries=max_queries,
     )
     view = view_links(links, name=model.name, provenance=trained.provenance)
     write_report(make_link_report(view, links.labelled_ranks), folder, force=force)
@@ -260,7 +254,7 @@ def score(
             a missing tail is; or a recipe such as a + b = c. Quote labels with blanks or signs, and
             'a + b -> c'. If an entity is called _ (or ?), write ? (or _) for the open slot.
         top: entities to list for an open slot.
-        new_only: leave out known triples or recipes.
+        new_only: leave known triples or recipes out of the list for an open slot.
         queries: CSV or TSV file with head, relation and tail, or with the header
             ingredient_a,ingredient_b,result; an empty cell or _ is an open slot.
         out: CSV or TSV file for the scores of --in. Default: print the scores.
@@ -279,7 +273,15 @@ def score(
 
     whole("top", top, 1)
     words = list(query)
-    _check_query(words, file=queries, out=out)
+    if bool(words) == (queries is not None):
+        raise ConfigError(
+            "score needs a head, a relation and optionally a tail; a recipe such as a + b; or a "
+            "query file with --in."
+        )
+    if queries is None and out is not None:
+        raise ConfigError(
+            f"--out {out}: only the scores for a file are written; add a query file with --in."
+        )
     loaded = open_model(model, graph)
     if queries is None and is_set_model(loaded) and is_recipe_query(words):
         output.result(*_scored_set(loaded, words, top, new_only=new_only))
@@ -287,8 +289,6 @@ def score(
     entities = frozenset(loaded.scorer.entities)
     if queries is None:
         query_list = [parse_query(words, entities)]
-        if new_only and not query_list[0].is_open:
-            raise ConfigError("`new_only` filters a ranking; leave a slot open.")
     else:
         query_list = read_queries(queries, entities)
     outside = OutsideEvidenceFinder.open(model, loaded.opened)
@@ -325,30 +325,11 @@ def _scored_set(
 
     entities = frozenset(model.opened.graph.entities)
     ingredients, result, size = parse_set(words, entities)
-    if ingredients and new_only:
-        raise ConfigError("`new_only` filters a ranking; leave a slot open.")
     if ingredients:
         view = score_set(model, ingredients, result)
     else:
         view = suggest_sets(model, result, top, size=size, new_only=new_only)
     return view, list(suggestion_lines(view))
-
-
-def _check_query(words: list[str], *, file: Path | None, out: Path | None) -> None:
-    from wordcraft_kg.evaluation.scores import is_recipe_query
-
-    is_query = len(words) > 1 or is_recipe_query(words)
-    has_file = file is not None
-    # Either words or a file, and words alone must be a whole query.
-    if bool(words) == has_file or not (has_file or is_query):
-        raise ConfigError(
-            "score needs a head, a relation and optionally a tail; a recipe such as a + b; or a "
-            "query file with --in."
-        )
-    if file is None and out is not None:
-        raise ConfigError(
-            f"--out {out}: only the scores for a file are written; add a query file with --in."
-        )
 
 
 def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str]:
@@ -364,7 +345,7 @@ def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str
             f"{'score':>9}": f"{answer.score:9.4f}",
             "part": answer.known,
             "recipe" if is_recipe else "triple": form.format(*answer.slots.values()),
-            "probability": _chance(answer.probability),
+            "probability": answer.probability,
             "": "(learned)" if answer.in_sample else None,
         }
         for answer in answers
@@ -388,14 +369,6 @@ def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str
         }
         rank_texts = ", ".join(f"{role} {rank:,}" for role, rank in roles.items())
         yield f"rank among all {num_entities:,} entities, unfiltered: {rank_texts}"
-
-
-def _chance(share: float | None) -> str | None:
-    if share is None:
-        return None
-    if share > 0.99:
-        return "> 99 %"
-    return "< 0.1 %" if share < 0.001 else f"{100 * share:.2g} %"
 
 
 def _notes(kg: "TrainedOn", answers: Sequence["ScoredAnswer"]) -> Iterator[str]:
@@ -491,6 +464,8 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
         open_suggesting,
         suggest as suggest_for,
         table_lines,
+        ticked,
+        write_accepted,
     )
     from wordcraft_kg.models.recipes.recipe_records import SetMetrics
 
@@ -501,7 +476,13 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
     if accept is not None:
         if out is None or pair or goal or with_item or start or rule:
             raise ConfigError("`accept` writes a longer book to `out`; give both, and no query.")
-        _write_longer_book(book, accept, out, output)
+        recipes = ticked(accept, book)
+        write_accepted(book, recipes, out)
+        line = (
+            f"wrote {out}: {book.num_recipes:,} recipes of {book.name} and {len(recipes):,} of "
+            f"{accept}   next: {command_line('build-graph', out)}"
+        )
+        output.result({"out": str(out), "accepted": recipes}, [line])
         return
     metrics = recipe_model.metrics
     if any_parts and not isinstance(metrics, SetMetrics):
@@ -521,11 +502,6 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
         new_only=goal is None,
         rule=user_rule,
     )
-    if not (view.suggestions or view.made):
-        raise ConfigError(
-            f"nothing is left to propose: {book.name} has all recipes that the model looks at. Ask "
-            "for another pair, item or goal."
-        )
     lines = list(suggestion_lines(view))
     if isinstance(metrics, SetMetrics) and not any(metrics.fold_top):
         lines.append("In training no unseen goal got a right set: these suggestions are guesses.")
@@ -561,18 +537,6 @@ def _read_wish(
     if start is not None and not table:
         raise ConfigError("`from` has no entity; expected labels between commas. Name one or more.")
     return Wish(goal=goal, item=item, pair=labels, table=table)
-
-
-def _write_longer_book(book: "RecipeGraph", table: Path, out: Path, output: Output) -> None:
-    from wordcraft_kg.evaluation.suggestions import ticked, write_accepted
-
-    recipes = ticked(table, book)
-    write_accepted(book, recipes, out)
-    lines = [
-        f"wrote {out}: {book.num_recipes:,} recipes of {book.name} and "
-        f"{len(recipes):,} of {table}   next: {command_line('build-graph', out)}"
-    ]
-    output.result({"out": str(out), "accepted": recipes}, lines)
 
 
 def suggestion_lines(view: "Suggestions") -> Iterator[str]:

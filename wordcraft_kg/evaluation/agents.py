@@ -547,7 +547,6 @@ def view_evaluation(
     part: TaskPart,
     distractors: Sequence[int],
     distractor_seeds: int | None,
-    distractor_policy: DistractorPolicy | None = None,
     limit: int = MOST_TASKS,
 ) -> AgentEvaluation:
     """Evaluate an agent on its tasks.
@@ -559,8 +558,6 @@ def view_evaluation(
         distractors: distractor counts.
         distractor_seeds: tables per task; None as for
             :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
-        distractor_policy: where distractors are drawn from; None for the agent's setting in
-            training.
         limit: most tasks; of more, evenly spaced ones are played.
 
     Returns:
@@ -573,10 +570,7 @@ def view_evaluation(
     """
     policy = agent.policy
     tasks = agent.config.tasks
-    config = tasks.environment(part, distractors[0])
-    if distractor_policy is not None:
-        config = config.variant(distractor_policy=distractor_policy)
-    world = World(agent.opened, config)
+    world = World(agent.opened, tasks.environment(part, distractors[0]))
     evaluators = _evaluators(world, distractors, distractor_seeds, limit)
     results = _play(PolicyPlayer(policy), evaluators)
     against_scorer = None

@@ -121,12 +121,12 @@ class Pool:
     """The workers of a study.
 
     Attributes:
-        jobs: number of parallel tasks; None for as many as the cores of the machine or the cluster
-            allow. A single job runs in this process.
-        engine: processes of this machine, or a Ray cluster, whose nodes see the results folder
-            under the same absolute path.
-        address: of the Ray cluster, host:port or auto; None starts one on this machine that ends
-            with the study.
+        jobs: parallel trainings; a single one runs in this process. Default: the number of cores,
+            of the cluster with ray.
+        engine: processes of this machine, or ray: a Ray cluster whose nodes see the results folder
+            under the same path (needs the extra ray).
+        address: with ray, host:port of the head node, or auto for this machine's cluster. Default:
+            a cluster on this machine that ends with the study.
     """
 
     jobs: int | None = None

@@ -28,7 +28,7 @@ from wordcraft_kg.apps.text_agents.settings import (
     ATTEMPTS,
     MAX_INVALID,
     GameSettings,
-    KnowledgeKind,
+    LookUps,
     PlayedSettings,
 )
 from wordcraft_kg.base import (
@@ -107,8 +107,7 @@ def crafting(  # noqa: PLR0913 - parameters are the options of `inspect eval -T`
     attempts: int | None = GameSettings.attempts,
     distractor_seeds: int = 1,
     tasks: int | None = None,
-    knowledge: KnowledgeKind = GameSettings.knowledge,
-    scorer: str | None = None,
+    knowledge: LookUps = GameSettings.knowledge,
     look_ups: int = GameSettings.look_ups,
     max_invalid: int = MAX_INVALID,
     track: str | None = None,
@@ -124,13 +123,12 @@ def crafting(  # noqa: PLR0913 - parameters are the options of `inspect eval -T`
         distractor_seeds: tables per task, with different distractors.
         tasks: number of tasks, evenly spaced over the part; None for all.
         knowledge: look-up source.
-        scorer: model folder, for ``knowledge`` scorer.
         look_ups: look-ups in a game.
         max_invalid: consecutive invalid actions without cost.
         track: track of the benchmark, which fits with ``knowledge`` only.
 
     Raises:
-        InspectTaskError: for a wrong parameter, or an unreadable graph or scorer.
+        InspectTaskError: for a wrong parameter, or an unreadable graph.
     """
     with _readable():
         settings = GameSettings(
@@ -139,7 +137,6 @@ def crafting(  # noqa: PLR0913 - parameters are the options of `inspect eval -T`
             distractors=distractors,
             attempts=attempts,
             knowledge=knowledge,
-            scorer=_folder(scorer),
             look_ups=look_ups,
         )
         rules = {"distractor_seeds": distractor_seeds, "tasks": tasks, "max_invalid": max_invalid}
@@ -172,8 +169,7 @@ def discovery(
     attempts: int = ATTEMPTS,
     base: Any = None,
     games: int = 1,
-    knowledge: KnowledgeKind = GameSettings.knowledge,
-    scorer: str | None = None,
+    knowledge: LookUps = GameSettings.knowledge,
     look_ups: int = GameSettings.look_ups,
     max_invalid: int = MAX_INVALID,
 ) -> Task:
@@ -185,12 +181,11 @@ def discovery(
         base: label or labels of the entities at the start; None for the graph's base.
         games: number of games, all from the same entities.
         knowledge: look-up source.
-        scorer: model folder, for ``knowledge`` scorer.
         look_ups: look-ups in a game.
         max_invalid: consecutive invalid actions without cost.
 
     Raises:
-        InspectTaskError: for a wrong parameter, or an unreadable graph or scorer.
+        InspectTaskError: for a wrong parameter, or an unreadable graph.
     """
     with _readable():
         whole("games", games, 1, MAX_SIZE)
@@ -201,7 +196,6 @@ def discovery(
             attempts=attempts,
             base=None if base is None else [str(label) for label in labels],
             knowledge=knowledge,
-            scorer=_folder(scorer),
             look_ups=look_ups,
         )
         return _discovery(_open(graph, settings, distractor_seeds=games, max_invalid=max_invalid))
@@ -217,13 +211,8 @@ def _discovery(play: Play) -> Task:
     return _task(play, samples, rules.graph, known_items())
 
 
-def _folder(scorer: object) -> Path | None:
-    # Inspect may have parsed the name of a folder as a number.
-    return None if scorer is None else Path(str(scorer))
-
-
 def _open(graph: Any, settings: GameSettings, track: object = None, **rules: Any) -> Play:
-    # The same of a book's name.
+    # Inspect may have parsed a book's name as a number.
     if not isinstance(graph, str) or not graph:
         raise refuse("graph", graph, "a graph folder, a recipe book file, or a known book")
     for name, fewest in (("distractor_seeds", 1), ("max_invalid", 0)):

@@ -20,12 +20,12 @@ from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.apps.text_agents.conversation import Conversation, Knowledge, open_knowledge
+from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import DiscoveryGame, Game, TaskGame
 from wordcraft_kg.apps.text_agents.settings import (
     ATTEMPTS,
@@ -39,6 +39,7 @@ from wordcraft_kg.base import (
     ConfigError,
     counted,
     number_in,
+    one_of,
     whole,
 )
 from wordcraft_kg.base.labels import ANSWER_GRAMMAR
@@ -164,7 +165,6 @@ class Play(ABC):
 
     Attributes:
         settings: settings as recorded with each game.
-        knowledge: source of look-ups; None offers none.
         has_sets: whether recipes may have other sizes than two.
     """
 
@@ -172,41 +172,39 @@ class Play(ABC):
     _world: World | None = None
 
     def __init__(
-        self, opened: OpenedGraph, knowledge: Knowledge | None, look_ups: int, **fields: Any
+        self,
+        opened: OpenedGraph,
+        *,
+        knowledge: LookUps = "none",
+        look_ups: int = LOOK_UPS,
+        **fields: Any,
     ):
         """Describe the games.
 
         Args:
             opened: graph and split.
-            knowledge: source of look-ups; None offers none.
+            knowledge: look-up source.
             look_ups: look-ups in a game.
             fields: further fields of
                 :class:`~wordcraft_kg.apps.text_agents.settings.PlayedSettings`.
 
         Raises:
-            LeakError: if look-ups would leak train recipes on train tasks.
+            ConfigError: for another look-up source, or a number out of range.
         """
-        self.knowledge = knowledge
-        # Without a source the number means nothing; equal games have equal settings.
-        offer: dict[str, Any] = {"look_ups": 0}
-        if knowledge is not None:
-            offer = {
-                "knowledge": knowledge.kind,
-                "look_ups": look_ups,
-                "scorer": knowledge.scorer,
-                "kg": knowledge.kg,
-            }
+        self._opened = opened
+        one_of("knowledge", knowledge, get_args(LookUps))
+        whole("look_ups", look_ups, 0, MAX_SIZE)
         self.settings = PlayedSettings(
             graph=opened.graph.name,
             graph_hash=opened.graph.hash,
             split_hash=opened.split.hash,
             prompt_hash=prompt_hash(sets=self.has_sets),
             answer_grammar=ANSWER_GRAMMAR,
-            **(offer | fields),
+            knowledge=knowledge,
+            # Without a source the number means nothing; equal games have equal settings.
+            look_ups=0 if knowledge == "none" else look_ups,
+            **fields,
         )
-        if knowledge is not None:
-            # A leak shows with the first look-up: found here, it costs no game.
-            knowledge.facts(0, self.game())
 
     @classmethod
     def open(
@@ -222,14 +220,12 @@ class Play(ABC):
 
         Raises:
             ConfigError: for settings that do not fit the graph, or an unknown reward.
-            GraphMismatchError: if the scorer is of another graph or split.
-            LeakError: if a scorer would reveal its train recipes on train tasks.
             TaskError: if the graph has no task for these settings.
             RecipeFileError: if there is no such graph, or a book cannot be read.
-            ArtefactError: if the scorer's folder or a graph folder is unfinished or damaged.
+            ArtefactError: if a graph folder is unfinished or damaged.
         """
         opened = open_graph(graph)
-        rules |= {"knowledge": open_knowledge(settings, opened), "look_ups": settings.look_ups}
+        rules |= {"knowledge": settings.knowledge, "look_ups": settings.look_ups}
         if settings.open_ended:
             attempts = settings.attempts or ATTEMPTS
             return DiscoveryGames(opened, attempts=attempts, base=settings.base, **rules)
@@ -267,7 +263,6 @@ class Play(ABC):
         rules = self.settings
         return Conversation(
             self.game(task, distractor_seed),
-            self.knowledge,
             max_invalid=rules.max_invalid,
             look_ups=rules.look_ups,
         )
@@ -283,26 +278,13 @@ class TaskGames(Play):
         (4, True)
     """
 
-    def __init__(
-        self,
-        world: World,
-        knowledge: Knowledge | None = None,
-        *,
-        table: TableOf | None = None,
-        look_ups: int = LOOK_UPS,
-        **rules: Any,
-    ):
+    def __init__(self, world: World, *, table: TableOf | None = None, **rules: Any):
         """Take a world.
 
         Args:
             world: graph, tasks and settings.
-            knowledge: source of look-ups; None offers none.
             table: the starting tables; None for those of agent evaluation.
-            look_ups: look-ups in a game.
-            rules: further fields of the played settings.
-
-        Raises:
-            LeakError: if look-ups would leak train recipes on train tasks.
+            rules: look-ups as in :class:`Play`, and further fields of the played settings.
         """
         self._world = world
         self.has_sets = world.has_combine
@@ -311,8 +293,6 @@ class TaskGames(Play):
         config = world.config
         super().__init__(
             world.opened,
-            knowledge,
-            look_ups,
             part=config.part,
             depth=config.depth,
             distractors=config.num_distractors,
@@ -336,37 +316,30 @@ class DiscoveryGames(Play):
     def __init__(
         self,
         opened: OpenedGraph,
-        knowledge: Knowledge | None = None,
         *,
         attempts: int,
         base: Iterable[Entity] | None = None,
         orders: Sequence[tuple[int, ...]] = (),
-        look_ups: int = LOOK_UPS,
         **rules: Any,
     ):
         """Take a graph.
 
         Args:
             opened: the graph and its split.
-            knowledge: source of look-ups; None offers none.
             attempts: attempts in a game.
             base: entities (ids or labels) that are known at the start; None for the graph's base.
             orders: for each game of a track the base (ids) in the order in which players see it;
                 empty outside of tracks.
-            look_ups: look-ups in a game.
-            rules: further fields of the played settings.
+            rules: look-ups as in :class:`Play`, and further fields of the played settings.
 
         Raises:
             ConfigError: for a base from which nothing can be made.
             GraphError: if a recipe has another number of ingredients than two.
         """
-        self._graph = opened.graph
         self.discovery = Discovery(opened.graph, base)
         self._orders = orders
         super().__init__(
             opened,
-            knowledge,
-            look_ups,
             part=None,
             depth=None,
             distractors=None,
@@ -382,7 +355,7 @@ class DiscoveryGames(Play):
             number = whole("game", distractor_seed, 0, len(self._orders) - 1)
             discovery.base = self._orders[number]
         discovery.restart()
-        return DiscoveryGame(self._graph, discovery, self.settings.attempts, distractor_seed)
+        return DiscoveryGame(self._opened.split, discovery, self.settings.attempts, distractor_seed)
 
 
 _PLAYS_IN_MEMORY = 32
@@ -419,7 +392,6 @@ def open_play(
 
     Raises:
         ConfigError: for a value out of range.
-        LeakError: if look-ups would leak train recipes on train tasks.
         TaskError: if the graph has no task for these settings.
         RecipeFileError: if there is no such graph, or a book cannot be read.
         ArtefactError: if a graph folder is damaged.

@@ -4,16 +4,16 @@ An action is a message, as in all conversations, and makes an attempt.
 """
 
 import string
-from typing import Any, get_args
+from typing import Any
 
 import gymnasium as gym
 from gymnasium import spaces
 
-from wordcraft_kg.apps.text_agents.conversation import Seat, open_knowledge
+from wordcraft_kg.apps.text_agents.conversation import Seat
 from wordcraft_kg.apps.text_agents.games import TaskGame
 from wordcraft_kg.apps.text_agents.plays import TaskGames, chosen_tasks
-from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, GameSettings, LookUps
-from wordcraft_kg.base import MAX_SIZE, ActionError, ConfigError, one_of
+from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
+from wordcraft_kg.base import MAX_SIZE, ActionError, ConfigError
 from wordcraft_kg.envs.words import characters
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import METADATA, check_mode
@@ -90,12 +90,9 @@ class TextEnv(Seat, gym.Env[str, str]):
             RecipeFileError: if there is no such graph, or a book cannot be read.
         """
         check_mode(render_mode)
-        one_of("knowledge", knowledge, get_args(LookUps))
-        offer = GameSettings(knowledge=knowledge, look_ups=look_ups)
         self.render_mode = render_mode
         self.world = World.of(graph, settings)
-        facts = open_knowledge(offer, self.world.opened)
-        self._play = TaskGames(self.world, facts, look_ups=look_ups)
+        self._play = TaskGames(self.world, knowledge=knowledge, look_ups=look_ups)
         self._tasks = chosen_tasks(self.world, None, difficulty)
         charset = characters(self.world.graph).union(string.printable, _UNKNOWN)
         self.observation_space = spaces.Text(LONGEST_OBSERVATION, min_length=1, charset=charset)

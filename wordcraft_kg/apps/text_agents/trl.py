@@ -60,7 +60,6 @@ def begin_row(row: Mapping[str, Any]) -> Conversation:
             of the row, or a value is out of range.
         RecipeFileError: if there is no such graph, or a book cannot be read.
         TaskError: if the graph has no task for these settings.
-        LeakError: if look-ups would leak train recipes on train tasks.
     """
     missing = [name for name in COLUMNS if row.get(name) is None]
     if missing:
@@ -205,7 +204,6 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
 
     Raises:
         ConfigError: for a value out of range.
-        LeakError: if look-ups would leak train recipes on train tasks.
         TaskError: if the graph has no task for these settings.
         RecipeFileError: if there is no such graph, or a book cannot be read.
     """
@@ -255,7 +253,7 @@ def crafting_dataset(graph: str = "everyday", **settings: Any) -> "datasets.Data
 
     Raises:
         MissingExtraError: without the package datasets, which TRL requires itself.
-        ConfigError, TaskError, RecipeFileError, LeakError: as :func:`crafting_rows`.
+        ConfigError, TaskError, RecipeFileError: as :func:`crafting_rows`.
     """
     rows = crafting_rows(graph, **settings)
     try:

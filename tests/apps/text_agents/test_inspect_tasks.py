@@ -118,7 +118,6 @@ def test_the_first_prompt_opens_and_the_target_stays_in_the_log(
     assert (system.role, user.role) == ("system", "user")
     assert system.text.startswith("This is a crafting game.")
     assert user.text.startswith(f"Goal: {sample.target}\nTable: 1 ")
-    assert sample.metadata["graph_hash"] == opened_kitchen.graph.hash
 
 
 @pytest.mark.slow
@@ -136,7 +135,7 @@ def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play):
     for score in invalid:
         assert (score.value, score.metadata["unfinished"]) == (0, True)
         assert (score.metadata["invalid_actions"], score.metadata["lost_attempts"]) == (3, 1)
-    assert (valid.metadata["unfinished"], valid.metadata["termination"]) == (False, "same_twice")
+    assert valid.metadata["unfinished"] is False
     metrics = metrics_of(log)
     counts = [
         metrics[f"{name}_in_run"] for name in ("unfinished", "invalid_actions", "lost_attempts")

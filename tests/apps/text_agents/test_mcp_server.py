@@ -274,8 +274,8 @@ def test_finished_games_are_forgotten_first_then_the_oldest(tmp_path):
     for name in names[1:3]:
         with pytest.raises(EpisodeError):
             host.game(name)
-    assert [(one.task, one.termination, one.messages[1]) for one in games_of(path)] == [
-        (task, "no_recipe", "end") for task in (2, 1)
+    assert [(one.task, one.messages[1]) for one in games_of(path)] == [
+        (task, "end") for task in (2, 1)
     ]
 
 
@@ -315,12 +315,7 @@ def test_each_game_that_is_over_is_in_the_file_once_and_the_file_goes_on(tmp_pat
         host.begin(7).end()
     one, two = games_of(path)
     thing = one.table[0]
-    assert (one.task, one.distractor_seed, one.invalid_actions, one.termination) == (
-        5,
-        2,
-        1,
-        "same_twice",
-    )
+    assert (one.task, one.distractor_seed, one.invalid_actions) == (5, 2, 1)
     assert invalid.startswith("Invalid answer: unknown item 'unicorn'")
     assert one.messages[1:4] == ("unicorn + 1", invalid, "1 + 1")
     assert one.messages[4].startswith(f"{thing} + {thing} -> ")

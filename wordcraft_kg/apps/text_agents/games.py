@@ -228,7 +228,6 @@ class DiscoveryGame(Game):
     Attributes:
         number: number of the game, from 0.
         known_after: number of known entities after each attempt so far.
-        repeated: number of attempts with a pair that had been tried before.
     """
 
     def __init__(self, split: Split, discovery: Discovery, attempts: int, number: int):
@@ -238,7 +237,6 @@ class DiscoveryGame(Game):
         self._discovery = discovery
         self._attempts = attempts
         self.known_after: list[int] = []
-        self.repeated = 0
 
     @property
     def attempts_left(self) -> int:
@@ -263,7 +261,6 @@ class DiscoveryGame(Game):
     def _combine(self, *places: int) -> str:
         pair = tuple(map(self._entities().__getitem__, places))
         new_ids, is_repeated = self._discovery.combine(*pair)
-        self.repeated += is_repeated
         self._lose()
         new_labels = self.graph.labels(new_ids)
         text = combined(self.graph.labels(pair), new_labels, PROMPTS["nothing_new"])

@@ -75,8 +75,6 @@ METADATA = "wordcraft_kg"
 """Key in the metadata of an Inspect task; the value is a :class:`LoggedTask`."""
 UNFINISHED = "unfinished"
 """Key in the record of a game: whether an Inspect limit ended the game."""
-VERDICT = "verdict"
-"""Key in the record of a game: the outcome as text."""
 
 # The records of the games stand in the scores, so results need none of these.
 _NOT_NEEDED = {"messages", "events", "events_data", "timelines", "store", "output", "attachments"}
@@ -222,15 +220,11 @@ def _open(graph: Any, settings: GameSettings, track: object = None, **rules: Any
 
 def _sample(identity: str, play: Play, **about: Any) -> Sample:
     talk = play.begin(about.get("task", 0), about["distractor_seed"])
-    hashes = {
-        name: getattr(play.settings, name) for name in ("graph_hash", "split_hash", "prompt_hash")
-    }
     opening: list[ChatMessage] = [
         ChatMessageSystem(content=talk.rules),
         ChatMessageUser(content=talk.game.state),
     ]
-    # The hashes tell, in a log, for which graph, split and prompts a sample was made.
-    return Sample(id=identity, input=opening, target=about.get("goal", ""), metadata=about | hashes)
+    return Sample(id=identity, input=opening, target=about.get("goal", ""), metadata=about)
 
 
 def _task(play: Play, samples: list[Sample], name: str, scorer: Scorer) -> Task:
@@ -285,7 +279,7 @@ def conversation(play: Play) -> Solver:
                 "value": int(game.is_made) if isinstance(game, TaskGame) else len(game.labels),
                 "answer": " + ".join(last) if last else None,
                 "explanation": game.state,
-                "metadata": {**played, UNFINISHED: not is_finished, VERDICT: game.state},
+                "metadata": {**played, UNFINISHED: not is_finished},
             }
             state.store.set(_SCORE, score)
         return state
@@ -491,6 +485,5 @@ def game_of_score(values: Mapping[str, Any] | None, place: str) -> GameRecord:
         ArtefactError: if the metadata is no such record.
     """
     # The messages are in the log's samples, once.
-    extra = (UNFINISHED, VERDICT)
-    record = {key: value for key, value in (values or {}).items() if key not in extra}
+    record = {key: value for key, value in (values or {}).items() if key != UNFINISHED}
     return as_record(record, GameRecord, place)

@@ -9,7 +9,6 @@ each of several. A submission in an archive has the path of the archive and of i
 such as ``craft-8.zip/votes``; other members have no effect.
 """
 
-import datetime
 import hashlib
 import json
 import os
@@ -47,7 +46,6 @@ from wordcraft_kg.base import (
     parse_record,
     read_small_file,
     refuse,
-    schema_of,
     what_is,
     write_atomically,
 )
@@ -214,13 +212,6 @@ class Submission(Record, frozen=True, kw_only=True):
     lost_attempts: Count
     figures: TrackMetrics
     games_hash: Hash
-
-
-def submission_schema() -> dict[str, Any]:
-    """Return the JSON Schema of ``submission.json``."""
-    return schema_of(
-        Submission, "urn:wordcraft-kg:submission:2", "A submission to a wordcraft-kg benchmark"
-    )
 
 
 def replay(play: Play, number: int, played: GameRecord | GameLine) -> GameLine:
@@ -430,7 +421,6 @@ def write_submission(
         benchmark_hash=manifest_hash,
         scoring=manifest.scoring,
         track=track.name,
-        graph_hash=track.opened.graph.hash,
         knowledge=knowledge,
         **_totals(track, lines, text),
         **about,
@@ -455,6 +445,7 @@ def _totals(track: Track, lines: Sequence[GameLine], games: bytes) -> dict[str, 
     invalid = sum(line.invalid_actions for line in lines)
     answers = sum(len(line.pairs) for line in lines) - lost + look_ups
     return {
+        "graph_hash": track.opened.graph.hash,
         "look_ups": look_ups,
         "invalid_actions": invalid,
         "answers_read": _rounded(answers / (answers + invalid)) if answers + invalid else None,
@@ -488,8 +479,6 @@ def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
     submission = parse_record(data, Submission, path)
     _check_versions(path, submission)
     track = open_track(submission.track)
-    if submission.graph_hash != track.opened.graph.hash:
-        raise _refused(path, "graph_hash", submission.graph_hash, track.opened.graph.hash)
     games = read_submission_file(folder, GAMES_FILE)
     lines = _replayed(games, folder / GAMES_FILE, track, track.play(submission.knowledge))
     for name, value in _totals(track, lines, games).items():
@@ -564,11 +553,6 @@ def _check_versions(path: Path, submission: Submission) -> None:
         check_declared(f"{path}: {name}", getattr(submission, name))
     for key in (*submission.weights, *(submission.tokens or ())):
         check_declared(f"{path}: a name in weights or tokens", key)
-    if submission.date is not None:
-        try:
-            datetime.date.fromisoformat(submission.date)
-        except ValueError:
-            raise _refused(path, "date", submission.date, "a day such as 2026-11-23") from None
     standard = manifest.prompts.values()
     prompt_hash = submission.prompt_hash
     if submission.prompts == "standard" and prompt_hash not in standard:

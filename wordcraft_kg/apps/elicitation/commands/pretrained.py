@@ -84,8 +84,7 @@ def elicit(
 ) -> None:
     """Elicit which entities need, make or go with which from a language model's probabilities.
 
-    The model reads one short text for each entity and prompt, and generates nothing. The same
-    command continues an interrupted run.
+    The model reads one short text for each entity and prompt, and generates nothing.
 
     Args:
         model: model folder, .gguf file, or a name on the Hugging Face hub.

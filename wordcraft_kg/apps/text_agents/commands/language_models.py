@@ -2,6 +2,7 @@
 
 import signal
 import sys
+from collections import Counter
 from contextlib import ExitStack
 from itertools import product
 from pathlib import Path
@@ -22,7 +23,7 @@ from wordcraft_kg.base import (
 from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.cli.console import Output, split_labels, whole_numbers
 from wordcraft_kg.cli.options import Book, Force, Words
-from wordcraft_kg.graphs import MAX_DEPTH, open_graph
+from wordcraft_kg.graphs import open_graph
 
 if TYPE_CHECKING:
     from mcp.server import MCPServer
@@ -62,8 +63,6 @@ def _kinds_of_games(
 ) -> list[tuple[int, int]]:
     """Return each depth with each number of distractors, from the options of these names."""
     depths = whole_numbers("depth", depth or ["1"])
-    for task_depth in depths:
-        whole("depth", task_depth, 1, MAX_DEPTH)
     return list(product(depths, whole_numbers("distractors", distractors or ["8"])))
 
 
@@ -119,23 +118,26 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     whole("tables", tables, 1, MAX_SIZE)
     number_in("mistakes", mistakes, 0, 0.9, "a probability from 0 to 0.9")
     from wordcraft_kg.apps.text_agents import benchmark_players, plays
-    from wordcraft_kg.apps.text_agents.chats import (
-        ChatCounts,
-        ChatSettings,
-        chat_rows,
-        recipe_scorer,
-        write_chats,
-    )
+    from wordcraft_kg.apps.text_agents.chats import chat_rows, recipe_scorer, write_chats
 
     check_output_file(out, force=force)
     source = open_graph(graph)
     games = [plays.open_play(graph, "train", *kind, attempts) for kind in kinds]
     title, played_by = benchmark_players.named_player(player, source, games[0].world.tasks)
-    limits = plays.read_range(difficulty)
-    settings = ChatSettings(style, keep, tables, tasks, mistakes, seed, limits)
-    counts = ChatCounts()
-    scorer = None if reasons is None else recipe_scorer(reasons, source)
-    rows = chat_rows(games, played_by, settings, counts, scorer)
+    counts = Counter(dict.fromkeys(("played", "made", "left_out", "repeated", "written"), 0))
+    rows = chat_rows(
+        games,
+        played_by,
+        counts,
+        style=style,
+        keep=keep,
+        tables=tables,
+        tasks=tasks,
+        mistakes=mistakes,
+        seed=seed,
+        difficulty=plays.read_range(difficulty),
+        scorer=None if reasons is None else recipe_scorer(reasons, source),
+    )
     digest = write_chats(out, rows, force=force)
     view = {
         "out": str(out),
@@ -144,13 +146,14 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
         "prompts": games[0].settings.prompt_hash,
         "player": title,
         "sha256": digest,
-        "counts": vars(counts),
+        "counts": counts,
     }
     output.result(
         view,
         [
-            f"{counted(counts.written, 'conversation')} of {counted(counts.played, 'game')} by "
-            f"{title}; left out: {counts.left_out:,} not to be kept, {counts.repeated:,} repeated",
+            f"{counted(counts['written'], 'conversation')} of {counted(counts['played'], 'game')} "
+            f"by {title}; left out: {counts['left_out']:,} not to be kept, "
+            f"{counts['repeated']:,} repeated",
             f"wrote {out}",
         ],
     )

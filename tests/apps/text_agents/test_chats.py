@@ -76,7 +76,8 @@ def test_text_conversations_are_those_of_players_by_text():
     rows, _ = rows_of([play], style="text", tasks=30)
     games = GameList({"train": [play]})
     for row in rows:
-        talk = games.named(row["id"]).begin()
+        _, *game = games.named(row["id"])
+        talk = play.begin(*game)
         rules, *turns = row["messages"]
         assert rules == {
             "role": "system",

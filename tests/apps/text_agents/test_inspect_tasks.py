@@ -248,7 +248,7 @@ def test_other_logs_and_files_are_refused(play, tmp_path):
     ("make", "parameters", "setting", "fragment"),
     [
         (crafting, {"graph": "kitchn"}, "", "kitchen"),
-        (crafting, {"graph": 7}, "graph", "expected a graph folder"),
+        (crafting, {"graph": 7}, "", "'7'"),
         (crafting, {"part": "tests"}, "part", "'tests'"),
         (crafting, {"depth": 2, "attempts": 1}, "attempts", "expected a whole number, 2 to"),
         (crafting, {"distractor_seeds": 0}, "distractor_seeds", "0"),

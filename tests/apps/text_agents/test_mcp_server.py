@@ -32,7 +32,7 @@ from wordcraft_kg.apps.text_agents.mcp_server import (
     make_server,
     tools_hash,
 )
-from wordcraft_kg.apps.text_agents.plays import Play
+from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, open_play
 from wordcraft_kg.apps.text_agents.results import (
     GamesHeader,
     evaluation_of,
@@ -40,7 +40,6 @@ from wordcraft_kg.apps.text_agents.results import (
     read_games,
     record_of,
 )
-from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.apps.text_agents.submission import verify
 from wordcraft_kg.apps.web.serving import listen
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, EpisodeError
@@ -62,11 +61,8 @@ def world(games):
     return games.world
 
 
-def hosted(**options):
-    settings = GameSettings(
-        **({"distractors": 3} if "open_ended" not in options else {}), **options
-    )
-    return HostedGames(Play.open("kitchen", settings, max_invalid=NEVER))
+def hosted():
+    return HostedGames(open_play("kitchen", "test", 1, 3, max_invalid=NEVER))
 
 
 def connect(server, use, mode="auto"):
@@ -259,7 +255,8 @@ def test_the_open_ended_world_has_no_tasks_and_no_goal(opened_kitchen):
         assert text.startswith(f"{one} + {other} -> nothing new (already tried)")
         assert again["new"] == []
 
-    connect(make_server(hosted(open_ended=True, attempts=4)), play)
+    games = DiscoveryGames(opened_kitchen, attempts=4, max_invalid=NEVER)
+    connect(make_server(HostedGames(games)), play)
 
 
 def test_finished_games_are_forgotten_first_then_the_oldest(tmp_path):

@@ -9,9 +9,8 @@ from gymnasium.utils.env_checker import check_env
 from msgspec.structs import replace
 
 from tests.apps.text_agents.scripted import plan_pairs
-from wordcraft_kg.apps.text_agents.plays import Play, open_play
+from wordcraft_kg.apps.text_agents.plays import open_play
 from wordcraft_kg.apps.text_agents.results import record_of
-from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.apps.text_agents.text_env import LONGEST_ACTION, TextEnv
 from wordcraft_kg.apps.text_agents.trl import (
     CraftingEnvironment,
@@ -68,8 +67,7 @@ def test_all_rollouts_of_a_row_play_the_same_game():
 
 
 def test_a_game_is_replayed_to_the_byte_from_its_row_and_pairs():
-    settings = GameSettings(part="all", distractors=2, depth=2)
-    games = Play.open("kitchen", settings, distractor_seeds=3)
+    games = open_play("kitchen", "all", 2, 2, distractor_seeds=3)
     for row in rows_of(depth=2, tables=3, tasks=4):
         environment = begun(row)
         play(environment, row, [("1", "2"), *plan_pairs(environment.talk.game)])

@@ -6,7 +6,7 @@ table as ids of a book, whose content hash guards the ids.
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import product
 from pathlib import Path
@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, Play, TaskGames
-from wordcraft_kg.apps.text_agents.settings import GameSettings, LookUps
+from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.base import (
     ConfigError,
     Count,
@@ -189,32 +189,6 @@ class Track:
             return DiscoveryGames(self.opened, distractor_seeds=len(self), **rules)
         # The frozen table replaces the drawn one, so the distractor seed has no meaning.
         return TaskGames(self.world, table=lambda task, _: [*frozen.tasks[task].table], **rules)
-
-
-def choose_games(
-    graph: str, settings: GameSettings, track: str | None = None, **rules: Any
-) -> Play:
-    """Open the games of a track, or those that the settings describe.
-
-    Args:
-        graph: graph folder, recipe book file, or name of a built-in book.
-        settings: the games; beside a track, only its ``knowledge`` may be given.
-        track: name of a track; None for the games of the settings.
-        rules: further fields of the played settings.
-
-    Raises:
-        ConfigError: for settings that do not fit the graph or the track, or an unknown track.
-        TaskError: if the graph has no task for these settings.
-        RecipeFileError: if there is no such graph, or a book cannot be read.
-        ArtefactError: if a graph folder is unfinished or damaged.
-    """
-    if track is None:
-        return Play.open(graph, settings, **rules)
-    if (graph, replace(settings, knowledge="none")) != ("everyday", GameSettings()):
-        raise ConfigError(
-            "`track` has its own games; omit the graph and the options of games but `knowledge`."
-        )
-    return open_track(track).play(settings.knowledge, **rules)
 
 
 @cache

@@ -19,7 +19,7 @@ from wordcraft_kg.apps.text_agents.benchmark import read_manifest
 from wordcraft_kg.apps.text_agents.benchmark_players import check_graph, decided_pairs
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import Picks, TaskGame
-from wordcraft_kg.apps.text_agents.plays import NamedGame, Play, chosen_tasks
+from wordcraft_kg.apps.text_agents.plays import Play, chosen_tasks
 from wordcraft_kg.base import (
     MAX_SIZE,
     ConfigError,
@@ -261,7 +261,7 @@ def chat_rows(  # noqa: PLR0913 - each argument is an option of the command
                 schema = COMBINE_SET if game.most_picks else COMBINE
                 tools = {"tools": [schema]} if style == "tools" else {}
                 yield {
-                    "id": NamedGame(play, game.task, game.distractor_seed).name,
+                    "id": talk.name,
                     "messages": messages,
                     **tools,
                     "part": play.settings.part,

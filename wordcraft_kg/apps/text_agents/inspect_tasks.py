@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from wordcraft_kg.apps.text_agents.benchmark import choose_games
+from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.games import TaskGame
-from wordcraft_kg.apps.text_agents.plays import Play, chosen_tasks
+from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, Play, chosen_tasks, open_play
 from wordcraft_kg.apps.text_agents.results import (
     COUNTS,
     GameRecord,
@@ -26,8 +26,8 @@ from wordcraft_kg.apps.text_agents.results import (
 )
 from wordcraft_kg.apps.text_agents.settings import (
     ATTEMPTS,
+    LOOK_UPS,
     MAX_INVALID,
-    GameSettings,
     LookUps,
     PlayedSettings,
 )
@@ -41,12 +41,11 @@ from wordcraft_kg.base import (
     as_record,
     as_values,
     reason,
-    refuse,
     whole,
 )
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.base.wording import for_file
-from wordcraft_kg.graphs import TaskPart
+from wordcraft_kg.graphs import TaskPart, open_graph
 
 try:
     from inspect_ai import Task, task
@@ -79,8 +78,10 @@ UNFINISHED = "unfinished"
 # The records of the games stand in the scores, so results need none of these.
 _NOT_NEEDED = {"messages", "events", "events_data", "timelines", "store", "output", "attachments"}
 """Skipped log fields; messages are the largest part."""
-_RULES = {"distractor_seeds": 1, "tasks": None, "max_invalid": MAX_INVALID}
-"""Defaults of the parameters that are no :class:`GameSettings`."""
+_GAME = ("everyday", "test", 1, 8, None)
+"""Defaults of graph, part, depth, distractors and attempts."""
+_RULES = (LOOK_UPS, 1, None, MAX_INVALID)
+"""Defaults of look-ups, distractor seeds, tasks and invalid actions."""
 _SCORE = "wordcraft_kg_score"
 """Key in a sample's store, by which the solver hands the game's score to the scorer."""
 
@@ -99,14 +100,14 @@ class InspectTaskError(ConfigError, PrerequisiteError):
 @task
 def crafting(  # noqa: PLR0913 - parameters are the options of `inspect eval -T`
     graph: str = "everyday",
-    part: TaskPart = GameSettings.part,
-    depth: int = GameSettings.depth,
-    distractors: int = GameSettings.distractors,
-    attempts: int | None = GameSettings.attempts,
+    part: TaskPart = "test",
+    depth: int = 1,
+    distractors: int = 8,
+    attempts: int | None = None,
     distractor_seeds: int = 1,
     tasks: int | None = None,
-    knowledge: LookUps = GameSettings.knowledge,
-    look_ups: int = GameSettings.look_ups,
+    knowledge: LookUps = "none",
+    look_ups: int = LOOK_UPS,
     max_invalid: int = MAX_INVALID,
     track: str | None = None,
 ) -> Task:
@@ -129,19 +130,24 @@ def crafting(  # noqa: PLR0913 - parameters are the options of `inspect eval -T`
         InspectTaskError: for a wrong parameter, or an unreadable graph.
     """
     with _readable():
-        settings = GameSettings(
-            part=part,
-            depth=depth,
-            distractors=distractors,
-            attempts=attempts,
-            knowledge=knowledge,
-            look_ups=look_ups,
-        )
-        rules = {"distractor_seeds": distractor_seeds, "tasks": tasks, "max_invalid": max_invalid}
-        changed = {name: value for name, value in rules.items() if value != _RULES[name]}
-        if track is not None and changed:
+        whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE)
+        whole("max_invalid", max_invalid, 0, MAX_SIZE)
+        # Inspect may have parsed a book's name as a number.
+        game = (str(graph), part, depth, distractors, attempts)
+        rules = (look_ups, distractor_seeds, tasks, max_invalid)
+        if track is None:
+            play: Play = open_play(
+                *game,
+                knowledge=knowledge,
+                look_ups=look_ups,
+                distractor_seeds=distractor_seeds,
+                tasks=tasks,
+                max_invalid=max_invalid,
+            )
+        elif (*game, *rules) == (*_GAME, *_RULES):
+            play = open_track(str(track)).play(knowledge)
+        else:
             raise ConfigError("`track` has its own games; omit all but `knowledge`.")
-        play = _open(graph, settings, track, **changed)
         played = play.settings
         if played.is_open_ended:  # a track
             return _discovery(play)
@@ -167,8 +173,8 @@ def discovery(
     attempts: int = ATTEMPTS,
     base: Any = None,
     games: int = 1,
-    knowledge: LookUps = GameSettings.knowledge,
-    look_ups: int = GameSettings.look_ups,
+    knowledge: LookUps = "none",
+    look_ups: int = LOOK_UPS,
     max_invalid: int = MAX_INVALID,
 ) -> Task:
     """Return an Inspect task: discover entities in the open-ended world.
@@ -189,14 +195,16 @@ def discovery(
         whole("games", games, 1, MAX_SIZE)
         # Inspect parses labels such as `1` and `true` as a number and a truth value.
         labels = base if isinstance(base, list | tuple) else [base]
-        settings = GameSettings(
-            open_ended=True,
+        play = DiscoveryGames(
+            open_graph(str(graph)),
             attempts=attempts,
             base=None if base is None else [str(label) for label in labels],
             knowledge=knowledge,
             look_ups=look_ups,
+            distractor_seeds=games,
+            max_invalid=whole("max_invalid", max_invalid, 0, MAX_SIZE),
         )
-        return _discovery(_open(graph, settings, distractor_seeds=games, max_invalid=max_invalid))
+        return _discovery(play)
 
 
 def _discovery(play: Play) -> Task:
@@ -207,15 +215,6 @@ def _discovery(play: Play) -> Task:
         for game in range(rules.distractor_seeds)
     ]
     return _task(play, samples, rules.graph, known_items())
-
-
-def _open(graph: Any, settings: GameSettings, track: object = None, **rules: Any) -> Play:
-    # Inspect may have parsed a book's name as a number.
-    if not isinstance(graph, str) or not graph:
-        raise refuse("graph", graph, "a graph folder, a recipe book file, or a known book")
-    for name, fewest in (("distractor_seeds", 1), ("max_invalid", 0)):
-        whole(name, rules.get(name, fewest), fewest, MAX_SIZE)
-    return choose_games(graph, settings, None if track is None else str(track), **rules)
 
 
 def _sample(identity: str, play: Play, **about: Any) -> Sample:

@@ -16,7 +16,6 @@ import gzip
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from itertools import chain
 from pathlib import Path
@@ -30,7 +29,6 @@ from wordcraft_kg.apps.text_agents.games import DiscoveryGame, Game, TaskGame
 from wordcraft_kg.apps.text_agents.settings import (
     ATTEMPTS,
     LOOK_UPS,
-    GameSettings,
     LookUps,
     PlayedSettings,
 )
@@ -48,8 +46,8 @@ from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.envs.world_config import WordCraftConfig
-from wordcraft_kg.graphs import Entity, Ids, OpenedGraph, TaskPart, open_graph
+from wordcraft_kg.envs.world_config import MAX_ATTEMPTS, WordCraftConfig
+from wordcraft_kg.graphs import MAX_DEPTH, Entity, Ids, OpenedGraph, TaskPart, open_graph
 
 DIFFICULTY_FILE = Path(__file__).parent / "difficulty.csv.gz"
 DIFFICULTY_COLUMNS = ("split", "goal", "start", "words", "learner", "planner")
@@ -168,7 +166,6 @@ class Play(ABC):
         has_sets: whether recipes may have other sizes than two.
     """
 
-    has_sets = False
     _world: World | None = None
 
     def __init__(
@@ -192,6 +189,7 @@ class Play(ABC):
             ConfigError: for another look-up source, or a number out of range.
         """
         self._opened = opened
+        self.has_sets = not opened.graph.has_pairs_only
         one_of("knowledge", knowledge, get_args(LookUps))
         whole("look_ups", look_ups, 0, MAX_SIZE)
         self.settings = PlayedSettings(
@@ -205,38 +203,6 @@ class Play(ABC):
             look_ups=0 if knowledge == "none" else look_ups,
             **fields,
         )
-
-    @classmethod
-    def open(
-        cls, graph: str, settings: GameSettings, *, reward: str = "sparse", **rules: Any
-    ) -> "Play":
-        """Prepare the games on a graph.
-
-        Args:
-            graph: graph folder, recipe book file, or name of a built-in book.
-            settings: the games.
-            reward: reward preset of tasks, see :data:`~wordcraft_kg.envs.world_config.REWARDS`.
-            rules: further fields of the played settings.
-
-        Raises:
-            ConfigError: for settings that do not fit the graph, or an unknown reward.
-            TaskError: if the graph has no task for these settings.
-            RecipeFileError: if there is no such graph, or a book cannot be read.
-            ArtefactError: if a graph folder is unfinished or damaged.
-        """
-        opened = open_graph(graph)
-        rules |= {"knowledge": settings.knowledge, "look_ups": settings.look_ups}
-        if settings.open_ended:
-            attempts = settings.attempts or ATTEMPTS
-            return DiscoveryGames(opened, attempts=attempts, base=settings.base, **rules)
-        config = WordCraftConfig(
-            part=settings.part,
-            depth=settings.depth,
-            num_distractors=settings.distractors,
-            max_attempts=settings.attempts,
-            reward=reward,
-        )
-        return TaskGames(World(opened, config), **rules)
 
     @property
     def world(self) -> World:
@@ -259,13 +225,19 @@ class Play(ABC):
         """
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> Conversation:
-        """Begin a game as a conversation, see :meth:`game`."""
+        """Begin a game as a conversation under its name, see :meth:`game`."""
         rules = self.settings
-        return Conversation(
-            self.game(task, distractor_seed),
-            max_invalid=rules.max_invalid,
-            look_ups=rules.look_ups,
-        )
+        game = self.game(task, distractor_seed)
+        talk = Conversation(game, max_invalid=rules.max_invalid, look_ups=rules.look_ups)
+        talk.name = self.name(task, distractor_seed)
+        return talk
+
+    def name(self, task: int, distractor_seed: int = 0) -> str:
+        """Return a game's name, such as ``everyday-train-2-8-17-0``."""
+        rules = self.settings
+        # A track numbers its tasks anew: its third task is another than the third of the part.
+        games = rules.track or f"{rules.graph}-{rules.part}-{rules.depth}-{rules.distractors}"
+        return f"{games}-{task}-{distractor_seed}"
 
 
 class TaskGames(Play):
@@ -287,7 +259,6 @@ class TaskGames(Play):
             rules: look-ups as in :class:`Play`, and further fields of the played settings.
         """
         self._world = world
-        self.has_sets = world.has_combine
         self._env = WordCraftEnv(world)
         self._table = table or EvaluationTables(world).table
         config = world.config
@@ -317,7 +288,7 @@ class DiscoveryGames(Play):
         self,
         opened: OpenedGraph,
         *,
-        attempts: int,
+        attempts: int | None = None,
         base: Iterable[Entity] | None = None,
         orders: Sequence[tuple[int, ...]] = (),
         **rules: Any,
@@ -326,14 +297,14 @@ class DiscoveryGames(Play):
 
         Args:
             opened: the graph and its split.
-            attempts: attempts in a game.
+            attempts: attempts in a game; None for :data:`ATTEMPTS`.
             base: entities (ids or labels) that are known at the start; None for the graph's base.
             orders: for each game of a track the base (ids) in the order in which players see it;
                 empty outside of tracks.
             rules: look-ups as in :class:`Play`, and further fields of the played settings.
 
         Raises:
-            ConfigError: for a base from which nothing can be made.
+            ConfigError: for a base from which nothing can be made, or a number out of range.
             GraphError: if a recipe has another number of ingredients than two.
         """
         self.discovery = Discovery(opened.graph, base)
@@ -343,7 +314,7 @@ class DiscoveryGames(Play):
             part=None,
             depth=None,
             distractors=None,
-            attempts=attempts,
+            attempts=ATTEMPTS if attempts is None else whole("attempts", attempts, 1, MAX_SIZE),
             base=opened.graph.labels(self.discovery.base),
             **rules,
         )
@@ -370,11 +341,12 @@ def open_play(
     part: TaskPart,
     depth: int,
     distractors: int,
-    attempts: int | None,
+    attempts: int | None = None,
     reward: str = "sparse",
     knowledge: LookUps = "none",
     look_ups: int = LOOK_UPS,
-) -> Play:
+    **rules: Any,
+) -> TaskGames:
     """Open the games with these settings, once: thousands of rollouts share them.
 
     Args:
@@ -386,6 +358,7 @@ def open_play(
         reward: a name in :data:`~wordcraft_kg.envs.world_config.REWARDS`.
         knowledge: what can be looked up.
         look_ups: look-ups in a game.
+        rules: further fields of the played settings.
 
     Returns:
         The games.
@@ -396,15 +369,14 @@ def open_play(
         RecipeFileError: if there is no such graph, or a book cannot be read.
         ArtefactError: if a graph folder is damaged.
     """
-    settings = GameSettings(
-        part=part,
-        depth=depth,
-        distractors=distractors,
-        attempts=attempts,
-        knowledge=knowledge,
-        look_ups=look_ups,
-    )
-    return Play.open(graph, settings, reward=reward)
+    whole("depth", depth, 1, MAX_DEPTH)
+    whole("distractors", distractors, 0, MAX_SIZE)
+    if attempts is not None:
+        # With fewer attempts than its depth, a task cannot be solved.
+        whole("attempts", attempts, depth, MAX_ATTEMPTS)
+    config = WordCraftConfig(part, depth, distractors, attempts, reward)
+    world = World(open_graph(graph), config)
+    return TaskGames(world, knowledge=knowledge, look_ups=look_ups, **rules)
 
 
 def tool_opening(talk: Conversation) -> str:
@@ -416,42 +388,6 @@ def tool_opening(talk: Conversation) -> str:
     return "\n".join([*lines, "", talk.game.state])
 
 
-@dataclass(frozen=True)
-class NamedGame:
-    """A game that a name or an index chose.
-
-    Attributes:
-        play: the games of its part, depth and number of distractors.
-        task: index of the task in ``play``.
-        distractor_seed: seed of the distractors on the table.
-    """
-
-    play: Play
-    task: int
-    distractor_seed: int = 0
-
-    @property
-    def of_task(self) -> str:
-        """The game's name without the distractor seed, which all games of its task share."""
-        settings = self.play.settings
-        # A track numbers its tasks anew: its third task is another than the third of the part.
-        games = settings.track or (
-            f"{settings.graph}-{settings.part}-{settings.depth}-{settings.distractors}"
-        )
-        return f"{games}-{self.task}"
-
-    @property
-    def name(self) -> str:
-        """The game's name, such as ``everyday-train-2-8-17-0``."""
-        return f"{self.of_task}-{self.distractor_seed}"
-
-    def begin(self) -> Conversation:
-        """Begin the game, under its name; raises ConfigError for a seed out of range."""
-        talk = self.play.begin(self.task, self.distractor_seed)
-        talk.name = self.name
-        return talk
-
-
 class GameList:
     """The games that a server offers: for each part its tasks in order, counted from 0.
 
@@ -461,9 +397,10 @@ class GameList:
         is_track: whether the games are of a benchmark's track.
 
     Example:
-        >>> games = GameList({"train": [open_play("kitchen", "train", 1, 2, None)]})
-        >>> games.at("train", 5).name, games.named("kitchen-train-1-2-5-7").distractor_seed
-        ('kitchen-train-1-2-5-0', 7)
+        >>> games = GameList({"train": [open_play("kitchen", "train", 1, 2)]})
+        >>> play, task = games.at("train", 5)
+        >>> play.name(task), games.named("kitchen-train-1-2-5-7")[1:]
+        ('kitchen-train-1-2-5-0', (5, 7))
     """
 
     def __init__(
@@ -472,27 +409,25 @@ class GameList:
         """Take the games, or those of them whose tasks have a measured difficulty in a range."""
         self.plays = plays
         self.is_track = any(play.settings.track for play in chain.from_iterable(plays.values()))
-        self._games: dict[str, list[NamedGame]] = {}
-        self._by_task: dict[str, NamedGame] = {}
+        self._tasks: dict[str, list[tuple[Play, int]]] = {}
         for part, of_part in plays.items():
-            games = self._games[part] = []
+            tasks = self._tasks[part] = []
             for play in of_part:
-                for task in chosen_tasks(play.world, None, difficulty).tolist():
-                    game = NamedGame(play, task)
-                    games.append(game)
-                    self._by_task[game.of_task] = game
+                numbers = chosen_tasks(play.world, None, difficulty).tolist()
+                tasks += [(play, task) for task in numbers]
+        offered = chain.from_iterable(self._tasks.values())
+        self._by_name = {play.name(task): (play, task) for play, task in offered}
 
     def count(self, part: str) -> int:
         """Return the number of tasks of a part; raises ConfigError for a part that is not there."""
         return len(self._of_part(part))
 
-    def at(self, part: str, index: int, distractor_seed: int = 0) -> NamedGame:
-        """Return the game with an index in a part.
+    def at(self, part: str, index: int) -> tuple[Play, int]:
+        """Return the games and the task in them with an index in a part.
 
         Args:
             part: the part of the tasks.
             index: number of the task in this part, from 0.
-            distractor_seed: seed of the distractors on the table.
 
         Raises:
             ConfigError: for a part that is not offered, or an index out of range.
@@ -503,31 +438,32 @@ class GameList:
                 f"`index` {_shown(index)}: expected a whole number from 0 to {count - 1}, a task "
                 f"of the part {part}."
             )
-        return replace(self._of_part(part)[index], distractor_seed=distractor_seed)
+        return self._of_part(part)[index]
 
-    def named(self, name: Any) -> NamedGame:
-        """Return the game with a name.
+    def named(self, name: Any) -> tuple[Play, int, int]:
+        """Return the games, the task in them and the distractor seed of a game with a name.
 
         Raises:
             ConfigError: for another text, or a game that is not offered.
         """
         task_name, _, seed = name.rpartition("-") if isinstance(name, str) else ("", "", "")
-        if task_name in self._by_task and _SEED.fullmatch(seed):
-            return replace(self._by_task[task_name], distractor_seed=int(seed))
-        example = self.at(next(iter(self.plays)), 0).name
+        first_name = f"{task_name}-0"
+        if first_name in self._by_name and _SEED.fullmatch(seed):
+            return *self._by_name[first_name], int(seed)
         raise ConfigError(
             f"`task_id` {_shown(name)} is no game of this server; expected a graph, a part, a "
-            f"depth, a number of distractors and a task that it has, such as '{example}'."
+            "depth, a number of distractors and a task that it has, such as "
+            f"'{next(iter(self._by_name))}'."
         )
 
-    def _of_part(self, part: Any) -> list[NamedGame]:
+    def _of_part(self, part: Any) -> list[tuple[Play, int]]:
         if not isinstance(part, str) or part not in self.plays:
             raise ConfigError(
                 f"the part {_shown(part)} is not offered here; expected {', '.join(self.plays)}. "
                 "Tasks of another part are for another use: those of the part test measure what "
                 "was learned on the part train."
             )
-        return self._games[part]
+        return self._tasks[part]
 
 
 def _shown(value: object) -> str:

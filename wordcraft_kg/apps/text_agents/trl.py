@@ -20,7 +20,7 @@ from itertools import chain, product, zip_longest
 from typing import TYPE_CHECKING, Any, Literal
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Seat
-from wordcraft_kg.apps.text_agents.plays import NamedGame, chosen_tasks, open_play, tool_opening
+from wordcraft_kg.apps.text_agents.plays import chosen_tasks, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
 from wordcraft_kg.base import ConfigError, whole
 from wordcraft_kg.base.extras import missing_extra
@@ -68,12 +68,11 @@ def begin_row(row: Mapping[str, Any]) -> Conversation:
             "Make the data set with crafting_dataset."
         )
     play = open_play(*(row[name] for name in _SETTINGS))
-    game = NamedGame(play, row["task"], row["distractor_seed"])
-    talk = game.begin()
+    talk = play.begin(row["task"], row["distractor_seed"])
     facts = {
         "split_hash": play.settings.split_hash,
         "goal": talk.game.goal,
-        "task_id": game.name,
+        "task_id": talk.name,
     }
     for name, value in facts.items():
         # A row may have no name: its columns say everything.
@@ -217,10 +216,9 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
         task_numbers = chosen_tasks(play.world, tasks, difficulty).tolist()
         for task, seed in product(task_numbers, range(tables)):
             # The game is begun for its goal and first message, and begun again from the row.
-            game = NamedGame(play, task, seed)
-            talk = game.begin()
+            talk = play.begin(task, seed)
             row = {
-                "task_id": game.name,
+                "task_id": talk.name,
                 "graph": graph,
                 "split_hash": play.settings.split_hash,
                 "part": part,

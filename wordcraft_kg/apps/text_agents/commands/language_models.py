@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from cyclopts import Parameter
 
-from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, GameSettings, LookUps
+from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
 from wordcraft_kg.base import (
     MAX_SIZE,
     ConfigError,
@@ -21,9 +21,9 @@ from wordcraft_kg.base import (
     whole,
 )
 from wordcraft_kg.base.extras import check_extra
-from wordcraft_kg.cli.console import Output, split_labels, whole_numbers
+from wordcraft_kg.cli.console import Flag, Output, split_labels, whole_numbers
 from wordcraft_kg.cli.options import Book, Force, Words
-from wordcraft_kg.graphs import open_graph
+from wordcraft_kg.graphs import TaskPart, open_graph
 
 if TYPE_CHECKING:
     from mcp.server import MCPServer
@@ -54,6 +54,7 @@ EXAMPLES = {
     ),
 }
 Parts = Literal["train", "valid", "test"]
+_OWN_GAMES = "--track has its own games; omit the graph and the options of games but --knowledge."
 _MOST_SESSIONS = 10_000
 _LONGEST_IDLE = 86_400.0
 
@@ -162,7 +163,14 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
 def mcp(  # noqa: PLR0913 - parameters are the command's options
     graph: Book = "everyday",
     *,
-    settings: Annotated[GameSettings, Parameter(name="*", group="Games")] = GameSettings(),
+    part: TaskPart = "test",
+    depth: int = 1,
+    distractors: int = 8,
+    attempts: int | None = None,
+    open_ended: Flag = False,
+    base: Words = None,
+    knowledge: LookUps = "none",
+    look_ups: int = LOOK_UPS,
     track: str | None = None,
     transport: Literal["stdio", "http"] = "stdio",
     host: str = "127.0.0.1",
@@ -178,7 +186,15 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
 
     Args:
         graph: graph folder, recipe book or known book's name.
-        settings: the games.
+        part: tasks to play: train, valid, test or all.
+        depth: fewest attempts that solve a task, 1 to 5.
+        distractors: entities on the table that no plan needs.
+        attempts: attempts in a game. Default: depth; 100 in the open-ended world.
+        open_ended: discover as many entities as possible from the base, without tasks.
+        base: comma-separated initial entities, with --open-ended. Default: the graph's base.
+        knowledge: look-up source: none, or partial (train recipes that do not make the goal from
+            the table).
+        look_ups: look-ups in a game.
         track: track of the benchmark, such as craft-8-lite, instead of other games; fits with
             --knowledge only.
         transport: stdio, for a local client that starts the server, or http.
@@ -194,8 +210,14 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
         raise ConfigError(
             "--json: stdout is reserved for the protocol; omit --json, or add --transport http."
         )
+    open_ended = open_ended or base is not None
+    if open_ended and (part, depth, distractors) != ("test", 1, 8):
+        raise ConfigError("--open-ended has no tasks; omit --part, --depth and --distractors.")
+    game_options = (graph, part, depth, distractors, attempts, open_ended, look_ups)
+    if track is not None and game_options != ("everyday", "test", 1, 8, None, False, LOOK_UPS):
+        raise ConfigError(_OWN_GAMES)
     check_extra("mcp")
-    from wordcraft_kg.apps.text_agents import benchmark, conversation, mcp_server, results
+    from wordcraft_kg.apps.text_agents import benchmark, conversation, mcp_server, plays, results
     from wordcraft_kg.apps.web.serving import listen, serve
 
     with ExitStack() as stack:
@@ -204,7 +226,20 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
         if transport == "http":
             listening = stack.enter_context(listen(host, port))
         # Tools reject an invalid call, and the client asks again; so it never costs an attempt.
-        play = benchmark.choose_games(graph, settings, track, max_invalid=conversation.NEVER)
+        rules: dict[str, Any] = {"max_invalid": conversation.NEVER}
+        offer = {"knowledge": knowledge, "look_ups": look_ups}
+        if track is not None:
+            play = benchmark.open_track(track).play(knowledge, **rules)
+        elif open_ended:
+            play = plays.DiscoveryGames(
+                open_graph(graph),
+                attempts=attempts,
+                base=split_labels(base) if base else None,
+                **offer,
+                **rules,
+            )
+        else:
+            play = plays.open_play(graph, part, depth, distractors, attempts, **offer, **rules)
         hosted = mcp_server.HostedGames(play)
         if out is not None:
             header = results.GamesHeader(player="MCP clients", settings=hosted.play.settings)
@@ -311,9 +346,7 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
         "sparse",
         LOOK_UPS,
     ):
-        raise ConfigError(
-            "--track has its own games; omit the graph and the options of games but --knowledge."
-        )
+        raise ConfigError(_OWN_GAMES)
     if out is not None and len(parts) * len(kinds) > 1:
         raise ConfigError(
             "`out`: a file of games has one part, depth and number of distractors; give one of "

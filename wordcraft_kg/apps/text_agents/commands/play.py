@@ -8,7 +8,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.base import MAX_SIZE, ConfigError, for_terminal, whole
 from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.cli.options import Book, Force
@@ -16,7 +15,7 @@ from wordcraft_kg.graphs import TaskPart, open_graph
 
 if TYPE_CHECKING:
     from wordcraft_kg.apps.text_agents.conversation import Conversation
-    from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, Play
+    from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, TaskGames
 
 GROUP = "Tasks and play"
 EXAMPLES = (
@@ -26,8 +25,6 @@ EXAMPLES = (
     "wordcraft-kg play kitchen --browser",
     "wordcraft-kg play kitchen --export game.html",
 )
-TASK_DEFAULTS = (GameSettings.depth, GameSettings.distractors, "all", None)
-"""Options of tasks if none is set: depth, distractors, part and seed."""
 HELP = """
 Name two items to combine them, such as water + earth or 1 2. An item is its number, its name, or \
 the start of its name. ? shows this help, q quits.
@@ -75,8 +72,8 @@ def help_text(talk: "Conversation") -> str:
 def play(  # noqa: PLR0913 - parameters are the command's options
     graph: Book = "everyday",
     *,
-    depth: int = GameSettings.depth,
-    distractors: int = GameSettings.distractors,
+    depth: int = 1,
+    distractors: int = 8,
     part: TaskPart = "all",
     attempts: int | None = None,
     seed: int | None = None,
@@ -106,7 +103,7 @@ def play(  # noqa: PLR0913 - parameters are the command's options
             classroom play.
         port: port to listen on with --browser; 0 selects a free port.
     """
-    has_task_options = (depth, distractors, part, seed) != TASK_DEFAULTS
+    has_task_options = (depth, distractors, part, seed) != (1, 8, "all", None)
     if browser or export:
         if has_task_options or open_ended or attempts is not None:
             raise ConfigError("--browser and --export have their own tasks: leave out the options.")
@@ -114,29 +111,22 @@ def play(  # noqa: PLR0913 - parameters are the command's options
         return
     if open_ended and has_task_options:
         raise ConfigError("--open-ended has no tasks; the only option is attempts.")
-    # Checked before a graph is read, which may take long.
-    settings = GameSettings(
-        part=GameSettings.part if open_ended else part,
-        depth=depth,
-        distractors=distractors,
-        attempts=attempts,
-        open_ended=open_ended,
-    )
     if seed is None:
         # Shown at the end and short enough to type, so that the same tasks can be played again.
         seed = secrets.randbelow(1_000_000)
     whole("seed", seed, 0)
-    from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, Play
-
-    # A person corrects a typing error as often as it takes.
-    games = Play.open(graph, settings, max_invalid=MAX_SIZE)
     if isinstance(sys.stdin, io.TextIOWrapper):
         # Bytes that are no text are bad input, to be asked for again, and not a failure.
         sys.stdin.reconfigure(errors="replace")
-    if isinstance(games, DiscoveryGames):
+    from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, open_play
+
+    # A person corrects a typing error as often as it takes.
+    if open_ended:
+        games = DiscoveryGames(open_graph(graph), attempts=attempts, max_invalid=MAX_SIZE)
         _play_open_world(games, output)
     else:
-        _play_tasks(games, seed, output)
+        tasks = open_play(graph, part, depth, distractors, attempts, max_invalid=MAX_SIZE)
+        _play_tasks(tasks, seed, output)
 
 
 def _play_page(
@@ -173,7 +163,7 @@ def _stream(output: Output) -> TextIO:
     return sys.stderr if output.json else sys.stdout
 
 
-def _play_tasks(games: "Play", seed: int, output: Output) -> None:
+def _play_tasks(games: "TaskGames", seed: int, output: Output) -> None:
     import numpy as np
 
     stream = _stream(output)

@@ -128,7 +128,7 @@ def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play):
     answer_to = dict(zip((sample.input[1].text for sample in task.dataset), answers, strict=True))
     log = play(task, lambda messages: answer_to[messages[1].text], message_limit=7)
     # A log sorts its samples by their names as texts.
-    scores = [sample.scores["goal_made"] for sample in log.samples]
+    scores = [sample.scores["game_score"] for sample in log.samples]
     *invalid, valid = sorted(scores, key=lambda score: score.metadata["task"])
     # Two attempts, each lost with the second refusal: 8 messages without the rules, of which the
     # limit leaves 6.
@@ -206,7 +206,7 @@ def test_a_log_without_some_of_the_games_gives_no_result(play, tmp_path):
     inspect_ai().log.write_eval_log(log, str(stopped))
     half.write_bytes(stopped.read_bytes()[:-300])
     log.status = "success"
-    log.samples[0].scores["goal_made"].metadata["actions"] = "many"
+    log.samples[0].scores["game_score"].metadata["actions"] = "many"
     log.eval.metadata["wordcraft_kg"]["games"] = 5
     inspect_ai().log.write_eval_log(log, str(spoilt))
     for path, fragment in (

@@ -14,6 +14,7 @@ from itertools import chain, groupby
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -419,13 +420,12 @@ def strongest(knowledge: KnowledgeTables, most: int = 3) -> dict[str, list[str]]
     for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True):
         if info.role == "pair":  # symmetric: each pair would be shown twice
             table = table.triu()
-        cells = table.flatten()
-        values, places = cells.topk(min(most, len(cells)))
-        shown[info.name] = []
-        for value, place in zip(values.tolist(), places.tolist(), strict=True):
-            row, column = divmod(place, len(labels))
-            phrase = info.words(labels[row], labels[column])
-            shown[info.name].append(f"{phrase} ({value:+.1f})")
+        values, places = table.flatten().topk(min(most, table.numel()))
+        rows, columns = np.unravel_index(places.numpy(), table.shape)
+        shown[info.name] = [
+            f"{info.words(labels[row], labels[column])} ({value:+.1f})"
+            for row, column, value in zip(rows, columns, values.tolist(), strict=True)
+        ]
     return shown
 
 

@@ -164,7 +164,7 @@ def crafting(  # noqa: PLR0913 - parameters are the options of `inspect eval -T`
                 "group": groups[number],
             }
             samples.append(_sample(f"{played.part}-{number}-{seed}", play, **about))
-        return _task(play, samples, f"{played.graph}, {played.part}", goal_made())
+        return _task(play, samples, f"{played.graph}, {played.part}")
 
 
 @task
@@ -214,7 +214,7 @@ def _discovery(play: Play) -> Task:
         _sample(f"world-{game}", play, distractor_seed=game, **about)
         for game in range(rules.distractor_seeds)
     ]
-    return _task(play, samples, rules.graph, known_items())
+    return _task(play, samples, rules.graph)
 
 
 def _sample(identity: str, play: Play, **about: Any) -> Sample:
@@ -226,11 +226,11 @@ def _sample(identity: str, play: Play, **about: Any) -> Sample:
     return Sample(id=identity, input=opening, target=about.get("goal", ""), metadata=about)
 
 
-def _task(play: Play, samples: list[Sample], name: str, scorer: Scorer) -> Task:
+def _task(play: Play, samples: list[Sample], name: str) -> Task:
     return Task(
         dataset=MemoryDataset(samples, name=name),
         solver=conversation(play),
-        scorer=scorer,
+        scorer=game_score(),
         version=play.settings.prompt_hash[:12],
         metadata={METADATA: as_values(LoggedTask(settings=play.settings, games=len(samples)))},
     )
@@ -287,95 +287,80 @@ def conversation(play: Play) -> Solver:
 
 
 @metric(scores="unreduced")
-def crafting_figures() -> Metric:
-    """Return an Inspect metric for crafting tasks.
-
-    Its values are success with the standard error and interval over groups of tasks that the split
-    holds out together, the share of goals made by a plan, actions per game, and counts in the run.
-    """
+def game_figures() -> Metric:
+    """Return an Inspect metric for games of either kind, with counts in the run."""
 
     def figures(scores: list[SampleScore]) -> Value:
         if not scores:
             return {}
-        played = [_game(score) for score in scores]
-        tasks = {game.task for game in played}
-        distractor_seeds = {game.distractor_seed for game in played}
-        groups = np.zeros(max(tasks) + 1, dtype=np.int64)
-        for score, game in zip(scores, played, strict=True):
-            groups[game.task] = (score.sample_metadata or {})["group"]
-        # The interval needs all distractor seeds. Failed samples may be missing.
-        success = None
-        if len(played) == len(tasks) * len(distractor_seeds):
-            success = evaluation_of(played, groups).metrics()
-
-        def mean(name: str) -> float:
-            return sum(getattr(game, name) for game in played) / len(played)
-
-        return {
-            "success": mean("success"),
-            # Games of a group are not independent: alike goals, and one task on several tables.
-            "stderr": float(stderr(cluster="group")(scores)),  # type: ignore[arg-type]
-            "ci_low": success.ci_low if success else None,
-            "ci_high": success.ci_high if success else None,
-            "by_plan": mean("by_plan"),
-            "actions_per_game": mean("actions"),
-            **_counts(scores),
-        }
+        values = [score.score.metadata or {} for score in scores]
+        counts: dict[str, int] = {}
+        for name in (*COUNTS, UNFINISHED):
+            counts[f"{name}_in_run"] = sum(game.get(name, 0) for game in values)
+        is_open_ended = "known_at_start" in (scores[0].sample_metadata or {})
+        figures_of = discovery_figures if is_open_ended else crafting_figures
+        return {**figures_of(scores), **counts}
 
     return figures
 
 
-@metric(scores="unreduced")
-def discovery_figures() -> Metric:
-    """Return an Inspect metric for open-ended games.
+def crafting_figures(scores: list[SampleScore]) -> dict[str, float | None]:
+    """Return the figures of crafting tasks.
 
-    Its values are the mean numbers of known entities by attempts, the standard error at the end,
-    and counts in the run.
+    These are success with the standard error and interval over groups of tasks that the split holds
+    out together, the share of goals made by a plan, and actions per game.
     """
+    played = [_game(score) for score in scores]
+    tasks = {game.task for game in played}
+    distractor_seeds = {game.distractor_seed for game in played}
+    groups = np.zeros(max(tasks) + 1, dtype=np.int64)
+    for score, game in zip(scores, played, strict=True):
+        groups[game.task] = (score.sample_metadata or {})["group"]
+    # The interval needs all distractor seeds. Failed samples may be missing.
+    success = None
+    if len(played) == len(tasks) * len(distractor_seeds):
+        success = evaluation_of(played, groups).metrics()
 
-    def figures(scores: list[SampleScore]) -> Value:
-        if not scores:
-            return {}
-        about = scores[0].sample_metadata or {}
-        curves = [(about["known_at_start"], *_game(score).known_after) for score in scores]
-        means = mean_known(curves, about["attempts"])
-        return {
-            **{f"known_{attempts}": value for attempts, value in means.items()},
-            "stderr": float(stderr()(scores)),  # type: ignore[arg-type]
-            **_counts(scores),
-        }
+    def mean(name: str) -> float:
+        return sum(getattr(game, name) for game in played) / len(played)
 
-    return figures
+    return {
+        "success": mean("success"),
+        # Games of a group are not independent: alike goals, and one task on several tables.
+        "stderr": float(stderr(cluster="group")(scores)),  # type: ignore[arg-type]
+        "ci_low": success.ci_low if success else None,
+        "ci_high": success.ci_high if success else None,
+        "by_plan": mean("by_plan"),
+        "actions_per_game": mean("actions"),
+    }
+
+
+def discovery_figures(scores: list[SampleScore]) -> dict[str, float | None]:
+    """Return the figures of open-ended games.
+
+    These are mean numbers of known entities by attempts, and the standard error at the end.
+    """
+    about = scores[0].sample_metadata or {}
+    curves = [(about["known_at_start"], *_game(score).known_after) for score in scores]
+    means = mean_known(curves, about["attempts"])
+    return {
+        **{f"known_{attempts}": value for attempts, value in means.items()},
+        "stderr": float(stderr()(scores)),  # type: ignore[arg-type]
+    }
 
 
 def _game(score: SampleScore) -> GameRecord:
     return game_of_score(score.score.metadata, f"the score of {score.sample_id}")
 
 
-def _counts(scores: list[SampleScore]) -> dict[str, int]:
-    values = [score.score.metadata or {} for score in scores]
-    counts: dict[str, int] = {}
-    for name in (*COUNTS, UNFINISHED):
-        counts[f"{name}_in_run"] = sum(game.get(name, 0) for game in values)
-    return counts
+@scorer(metrics=[game_figures()])
+def game_score() -> Scorer:
+    """Return an Inspect scorer: 1 if the goal was made, else 0; or the number of known entities.
 
-
-@scorer(metrics=[crafting_figures()])
-def goal_made() -> Scorer:
-    """Return an Inspect scorer: 1 if the goal was made, else 0.
-
-    The score's metadata is the game's record.
+    That is their number at the end of an open-ended game. The score's metadata is the game's
+    record.
     """
-    return _score_of_solver()
 
-
-@scorer(metrics=[discovery_figures()])
-def known_items() -> Scorer:
-    """Return an Inspect scorer: the number of known entities at the end of an open-ended game."""
-    return _score_of_solver()
-
-
-def _score_of_solver() -> Scorer:
     async def score(state: TaskState, target: Target) -> Score:
         values = state.store.get(_SCORE)
         if values is None:
@@ -449,11 +434,10 @@ def read_inspect_log(
 def _scores(path: Path, log: EvalLog, games: int) -> list[dict[str, Any]]:
     scores = []
     for sample in log.samples or []:
-        by_scorer = sample.scores or {}
-        for name in ("goal_made", "known_items"):
-            # A failed game has an error, and a sample of another task other scores.
-            if sample.error is None and name in by_scorer:
-                scores.append(by_scorer[name].metadata or {})
+        score = (sample.scores or {}).get("game_score")
+        # A failed game has an error, and a sample of another task other scores.
+        if sample.error is None and score is not None:
+            scores.append(score.metadata or {})
     progress = f"{len(scores):,} of {games:,} games were played"
     if log.status != "success":
         state = {"started": "unfinished", "cancelled": "stopped"}.get(log.status, "failed")

@@ -72,13 +72,11 @@ def chosen_tasks(
     Raises:
         ConfigError: for a number below 1, or a range of difficulty in which no task was measured.
     """
-    if limit is not None:
-        whole("tasks", limit, 1, MAX_SIZE)
     tasks = np.arange(len(world.tasks))
     if difficulty is not None:
         tasks = tasks_within(world, difficulty)
     number = len(tasks)
-    limit = number if limit is None else min(limit, number)
+    limit = number if limit is None else min(whole("tasks", limit, 1, MAX_SIZE), number)
     return tasks[np.arange(limit) * number // limit]
 
 
@@ -432,13 +430,7 @@ class GameList:
         Raises:
             ConfigError: for a part that is not offered, or an index out of range.
         """
-        count = self.count(part)
-        if type(index) is not int or not 0 <= index < count:
-            raise ConfigError(
-                f"`index` {_shown(index)}: expected a whole number from 0 to {count - 1}, a task "
-                f"of the part {part}."
-            )
-        return self._of_part(part)[index]
+        return self._of_part(part)[whole("index", index, 0, self.count(part) - 1)]
 
     def named(self, name: Any) -> tuple[Play, int, int]:
         """Return the games, the task in them and the distractor seed of a game with a name.

@@ -524,13 +524,12 @@ def acceptable(text: str, longest: int = LONGEST_TEXT) -> str:
     A dash is in the place of refused characters; if this is not enough, the text is "not declared".
     A player's own name and folder give such texts, and must not stop a long evaluation at its end.
     """
-    plain = re.sub(f"[{_REFUSED}]", "-", text)
-    printable = "".join(char if char.isprintable() else "-" for char in plain).strip()[:longest]
+    plain = re.sub(f"[{_REFUSED}]", "-", text).strip()[:longest]
     try:
-        check_declared("text", printable, longest)
+        check_declared("text", plain, longest)
     except ConfigError:
         return "not declared"
-    return printable
+    return plain
 
 
 def _check_versions(path: Path, submission: Submission) -> None:

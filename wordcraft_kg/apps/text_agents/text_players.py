@@ -24,6 +24,7 @@ server.
 import itertools
 import json
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -38,7 +39,6 @@ from queue import Empty, Full, Queue, SimpleQueue
 from types import TracebackType
 from typing import Any, Protocol
 from urllib.error import HTTPError, URLError
-from urllib.parse import urlsplit
 from urllib.request import HTTPRedirectHandler, Request, build_opener
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation
@@ -274,8 +274,6 @@ def player_environment(variables: Mapping[str, str]) -> dict[str, str]:
 
 def _message_in(line: str) -> str:
     """Return the message in a line: a JSON string holds one of several lines."""
-    if not line.startswith('"'):
-        return line
     with suppress(ValueError, RecursionError):
         message = json.loads(line)
         if isinstance(message, str):
@@ -290,18 +288,19 @@ def name_of(words: list[str]) -> str:
     Never an option, which may hold a key: names stand in results.
     """
     is_python = Path(words[0]).stem.startswith("python") or words[0] == sys.executable
-    for word in words[1:] if is_python else ():
-        # Code may take the place of a file name.
-        with suppress(OSError):
-            if not word.startswith("-") and Path(word).is_file():
-                return Path(word).name
-    return Path(words[0]).name
+    # Code may take the place of a file name.
+    scripts = [word for word in words[1:] if os.path.isfile(word)]
+    return Path(scripts[0] if is_python and scripts else words[0]).name
 
 
 KEY = "OPENAI_API_KEY"
 """Environment variable with the key; servers on this machine need none."""
 _PAUSES = (0, 1, 2, 4, 8)
 """Seconds before each request for an answer."""
+_ADDRESS = re.compile(
+    r"https?://(\[[0-9a-fA-F:.]+\]|[^\s/:\[\]]+)(:[0-9]{1,5})?(/\S*)?", re.IGNORECASE
+)
+"""Addresses of HTTP: a host, by name or number, with a port and a path or without."""
 _BUSY = (408, 409, 429, 500, 502, 503, 504)
 """Statuses after which another request may succeed."""
 _MOST_TOKENS = 1_000
@@ -312,15 +311,6 @@ _LONGEST_REPLY = 1_000_000
 class _NoRedirects(HTTPRedirectHandler):
     def redirect_request(self, *_: Any) -> None:
         """Redirect nowhere: the reply becomes an HTTPError."""
-
-
-def _is_address(text: str) -> bool:
-    try:
-        parts = urlsplit(text)
-        # Reading a port raises ValueError for one that is no number.
-        return parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
-    except ValueError:
-        return False
 
 
 def _text_in(content: Any) -> str:
@@ -355,7 +345,7 @@ class ChatServer:
         Raises:
             ConfigError: if the address is none of HTTP, or the key cannot be sent.
         """
-        if not _is_address(base_url):
+        if not _ADDRESS.fullmatch(base_url):
             raise ConfigError(
                 f"`base_url` '{base_url[:100]}': expected the address of a chat completions API, "
                 f"such as http://127.0.0.1:8000/v1. Its key is read from {KEY}."

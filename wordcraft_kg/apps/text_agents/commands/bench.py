@@ -58,14 +58,16 @@ def bench_list(*, output: Output = Output()) -> None:
         yield "players"
         yield from aligned([(f"  {name}", about) for name, about in kinds.items()])
 
-    # Text names the endings once; programs get each full name.
     view = {
         "benchmark": manifest.name,
         "hash": manifest_hash,
         "date": manifest.date,
         "tracks": tracks,
+        # Text names the endings once; programs get each full name.
+        "names": manifest.names,
+        "players": kinds,
     }
-    output.result({**view, "names": manifest.names, "players": kinds}, text())
+    output.result(view, text())
 
 
 def bench_run(  # noqa: PLR0913 - parameters are the command's options

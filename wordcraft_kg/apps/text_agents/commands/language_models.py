@@ -6,7 +6,7 @@ from collections import Counter
 from contextlib import ExitStack
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -17,7 +17,6 @@ from wordcraft_kg.base import (
     check_output_file,
     counted,
     number_in,
-    one_of,
     whole,
 )
 from wordcraft_kg.base.extras import check_extra
@@ -53,7 +52,6 @@ EXAMPLES = {
         "wordcraft-kg serve openenv --track craft-8-lite --out games.jsonl",
     ),
 }
-Parts = Literal["train", "valid", "test"]
 _OWN_GAMES = "--track has its own games; omit the graph and the options of games but --knowledge."
 _MOST_SESSIONS = 10_000
 _LONGEST_IDLE = 86_400.0
@@ -306,8 +304,8 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
 
     Args:
         graph: graph folder, recipe book or known book's name.
-        part: comma-separated parts of the split that clients may play: train, valid, test. Tasks of
-            other parts are refused. Default: train.
+        part: comma-separated parts of the split that clients may play: train, valid, test, all.
+            Tasks of other parts are refused. Default: train.
         depth: comma-separated depths of tasks, 1 to 5. Default: 1.
         distractors: comma-separated numbers of distractors on a table. Default: 8.
         attempts: attempts in a game. Default: the task's depth.
@@ -332,8 +330,6 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
     whole("sessions", sessions, 1, _MOST_SESSIONS)
     number_in("idle", idle, 1, _LONGEST_IDLE, f"seconds, 1 to {_LONGEST_IDLE:,.0f}")
     parts = list(dict.fromkeys(split_labels(part or ["train"])))
-    for name in parts:
-        one_of("part", name, get_args(Parts))
     kinds = _kinds_of_games(depth, distractors)
     game_options = (graph, part, depth, distractors, attempts, difficulty, reward, look_ups)
     if track is not None and game_options != (

@@ -210,7 +210,7 @@ def test_a_log_without_some_of_the_games_gives_no_result(play, tmp_path):
     log.eval.metadata["wordcraft_kg"]["games"] = 5
     inspect_ai().log.write_eval_log(log, str(spoilt))
     for path, fragment in (
-        (stopped, r"evaluation is stopped, 5 of 6 games .* inspect eval-retry"),
+        (stopped, r"evaluation has the status cancelled, 5 of 6 games .* inspect eval-retry"),
         (half, "cannot be read as an Inspect AI log"),
         (spoilt, r"spoilt.json is damaged.*actions"),
     ):
@@ -239,7 +239,7 @@ def test_other_logs_and_files_are_refused(play, tmp_path):
         (tmp_path / name).write_text(text)
         with pytest.raises(ArtefactError, match=f"{name} cannot be read as an Inspect AI log"):
             read_inspect_log(tmp_path / name)
-    with pytest.raises(ArtefactError, match="is not a file; expected an Inspect AI log"):
+    with pytest.raises(ArtefactError, match="cannot be read as an Inspect AI log"):
         read_inspect_log(tmp_path)
 
 

@@ -137,7 +137,7 @@ def made(**settings):
     return gym.make("WordCraft-Text-v0", **settings)
 
 
-@pytest.mark.parametrize("settings", [{}, {"depth": 2, "render_mode": "ansi"}])
+@pytest.mark.parametrize("settings", [{}, {"depth": 2}])
 def test_gymnasium_accepts_it(settings):
     check_env(made(**settings).unwrapped)
 
@@ -178,24 +178,16 @@ def test_actions_of_any_length_and_in_any_script_are_part_of_the_game():
     ("use", "error", "says"),
     [
         (lambda env: env.step("1 + 2"), EpisodeError, "call reset"),
-        (lambda env: env.render(), EpisodeError, "call reset"),
         (lambda env: env.reset(options={"table": []}), ConfigError, "unknown reset option 'table'"),
         (lambda env: env.reset(options={"task": 10**9}), ConfigError, "task"),
         (lambda env: [env.reset(seed=0), env.step(3)], ActionError, "expected a text"),
         (lambda _: TextEnv("kitchen", knowledge="scorer"), ConfigError, "one of none, partial\\."),
-        (lambda _: TextEnv("kitchen", render_mode="human"), ConfigError, "`render_mode`"),
     ],
 )
 def test_mistakes_are_refused(use, error, says):
-    env = TextEnv("kitchen", num_distractors=2, render_mode="ansi")
+    env = TextEnv("kitchen", num_distractors=2)
     with pytest.raises(error, match=says):
         use(env)
-
-
-def test_the_state_is_rendered_in_words():
-    env = TextEnv("kitchen", num_distractors=2, render_mode="ansi")
-    shown, _ = env.reset(seed=0)
-    assert env.render() in shown
 
 
 SPECIAL = ["<|endoftext|>", "<|im_start|>", "<|im_end|>", "<tool_call>", "</tool_call>"]

@@ -34,7 +34,6 @@ from wordcraft_kg.base import (
     parse_record,
     read_json,
     read_small_file,
-    what_is,
     with_a_name,
 )
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -114,11 +113,6 @@ def read_prompts(path: Path) -> tuple[Prompt, ...]:
     Raises:
         ArtefactError: if the file is missing, not JSON, or a prompt is invalid.
     """
-    if not path.is_file():
-        raise ArtefactError(
-            f"`prompts` '{path}' {what_is(path)}; expected a file such as prompts.json of an "
-            "elicit folder."
-        )
     return parse_record(read_small_file(path), _Prompts, path).prompts
 
 

@@ -175,15 +175,15 @@ class Track:
         )
         return World(self.opened, config, task_set(self.opened.graph, frozen.depth, frozen.tasks))
 
-    def play(self, look_ups: LookUps = "none", **rules: Any) -> Play:
+    def play(self, knowledge: LookUps = "none", **rules: Any) -> Play:
         """Return the games as conversations.
 
         Args:
-            look_ups: source of look-ups: none, or partial (the train recipes).
+            knowledge: source of look-ups: none, or partial (the train recipes).
             rules: fields of the played settings that replace the track's, such as ``prompt_hash``.
         """
         frozen = self.frozen
-        rules = {"track": self.full_name, "knowledge": look_ups, **rules}
+        rules = {"track": self.full_name, "knowledge": knowledge, **rules}
         if self.is_open_ended:
             rules |= {"attempts": frozen.attempts, "orders": frozen.orders}
             return DiscoveryGames(self.opened, distractor_seeds=len(self), **rules)

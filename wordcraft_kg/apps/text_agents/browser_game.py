@@ -23,8 +23,6 @@ PACKAGE = "wordcraft_kg.apps.text_agents"
 FILES = ("game.css", "game.js")
 MOST_EXPORTED = 10_000
 """Recipes of an exported page: about 300 KB, which mail and a slow phone still take."""
-SERVED = "Nothing is sent or stored but in your browser. Made with wordcraft-kg."
-EXPORTED = "This file plays alone, and stores items only in your browser. Made with wordcraft-kg."
 
 
 def export_game(graph: RecipeGraph, path: Path, *, force: bool = False) -> None:
@@ -54,7 +52,7 @@ def export_game(graph: RecipeGraph, path: Path, *, force: bool = False) -> None:
         "img-src data:; base-uri 'none'; form-action 'none'"
     )
     # Markup: the texts are the package's own; escaping would change the script.
-    page = _page(graph, footer=EXPORTED, policy=policy, style=Markup(style), script=Markup(script))
+    page = _page(graph, policy=policy, style=Markup(style), script=Markup(script))
     with staged_file(path, force=force) as staged:
         staged.write_text(page, encoding="utf-8", newline="\n")
 
@@ -69,7 +67,7 @@ def make_game_app(graph: RecipeGraph, host: str) -> ASGIApp:
     Raises:
         ConfigError: if the book has no base.
     """
-    page = _page(graph, footer=SERVED, policy="")
+    page = _page(graph, policy="")
 
     async def game(_: Request) -> Response:
         return HTMLResponse(page, headers={"Cache-Control": "no-cache"})

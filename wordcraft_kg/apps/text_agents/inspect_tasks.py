@@ -406,8 +406,6 @@ def read_inspect_log(
             games.
     """
     path = Path(path)
-    if not path.is_file():
-        raise ArtefactError(f"{path} is not a file; expected an Inspect AI log, .eval or .json.")
     try:
         log = read_eval_log(str(path), exclude_fields=_NOT_NEEDED)
     except Exception as error:  # a damaged file may raise any error
@@ -440,10 +438,9 @@ def _scores(path: Path, log: EvalLog, games: int) -> list[dict[str, Any]]:
             scores.append(score.metadata or {})
     progress = f"{len(scores):,} of {games:,} games were played"
     if log.status != "success":
-        state = {"started": "unfinished", "cancelled": "stopped"}.get(log.status, "failed")
         raise ArtefactError(
-            f"{path}: the evaluation is {state}, {progress}. Continue with inspect eval-retry "
-            f"{path}"
+            f"{path}: the evaluation has the status {log.status}, {progress}. Continue with "
+            f"inspect eval-retry {path}"
         )
     if len(scores) != games:
         # Fewer games are a selection; more are repetitions, whose tables are no independent draws.

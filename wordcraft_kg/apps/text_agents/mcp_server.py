@@ -106,8 +106,8 @@ class HostedGames:
 
         Raises:
             ConfigError: if there is no such task or seed.
-            EpisodeError: if the game was begun before on a track, or if the forgotten game cannot
-                be recorded.
+            EpisodeError: if the game was begun before on a track.
+            OSError: if the forgotten game cannot be recorded.
         """
         settings = self.play.settings
         if settings.is_open_ended:
@@ -129,12 +129,7 @@ class HostedGames:
         if len(self._hosted) >= self._most:
             # `min` takes the first of equals, the least recent one: `game` moves ids to the end.
             oldest = min(self._hosted, key=lambda name: not self._hosted[name].is_over)
-            try:
-                self._hosted[oldest].end()
-            except OSError as error:
-                raise EpisodeError(
-                    f"The server has no room for a game ({error.strerror}). Try again later."
-                ) from None
+            self._hosted[oldest].end()
             del self._hosted[oldest]
         self._hosted[talk.name] = talk
         return talk
@@ -264,8 +259,9 @@ def _in_words(error: ValidationError | OSError | WordCraftKGError) -> str:
         return prompt_text("invalid", reason="; ".join(problems) + ".")
     if isinstance(error, OSError):
         return (
-            f"The game is over, but its record could not be saved: {error.strerror or error}. Call "
-            "`state` to see the outcome, or `end` to try saving again."
+            "A game is over, but its record could not be saved: "
+            f"{error.strerror or error}. Call `state` to see the outcome, or `end` to try saving "
+            "again."
         )
     return str(error)
 

@@ -237,8 +237,9 @@ class _Sessions:
         """Carry the messages of a session until its client leaves, closes it, or is silent."""
         await socket.accept()
         if self.active >= self.most:
-            error = f"{self.most:,} sessions are open, the most here; try again later."
-            await socket.send_text(_error("CAPACITY_REACHED", error))
+            await socket.send_text(
+                _error("CAPACITY_REACHED", f"{self.most:,} sessions are open, the most here.")
+            )
             await socket.close()
             return
         self.active += 1
@@ -249,11 +250,10 @@ class _Sessions:
             # The client has left while it was answered.
             pass
         except TimeoutError:
-            error = f"the client was silent for {self.idle:g} seconds; connect again."
+            reason = f"silent for {self.idle:g} seconds; connect again"
             # It may be gone, or read nothing: then nobody hears this.
             with suppress(RuntimeError, TimeoutError, WebSocketDisconnect):
-                await asyncio.wait_for(socket.send_text(_error("SESSION_ERROR", error)), _LAST)
-                await socket.close()
+                await asyncio.wait_for(socket.close(reason=reason), _LAST)
         finally:
             self.active -= 1
             try:

@@ -26,7 +26,6 @@ from wordcraft_kg.base import (
     ArtefactError,
     ConfigError,
     Count,
-    GraphMismatchError,
     PlayerError,
     Record,
     as_lines,
@@ -50,7 +49,6 @@ if TYPE_CHECKING:
     from wordcraft_kg.evaluation.agents import ExternalPlayer
 
 
-GamesFormat = Literal["wordcraft-kg text games 2"]
 GAMES_FILE = "games.jsonl"
 COUNTS = ("invalid_actions", "lost_attempts", "look_ups")
 
@@ -64,7 +62,7 @@ class GamesHeader(Record, frozen=True, kw_only=True):
         settings: settings of all games in the file.
     """
 
-    format: GamesFormat = "wordcraft-kg text games 2"
+    format: Literal["wordcraft-kg text games 2"] = "wordcraft-kg text games 2"
     player: str
     settings: PlayedSettings
 
@@ -130,8 +128,7 @@ def open_games(path: Path, header: GamesHeader) -> list[GameRecord]:
 
     Raises:
         ArtefactError: if the file is of another kind or damaged.
-        GraphMismatchError: if its games are of another graph or split.
-        ConfigError: if its games are of another player or other settings.
+        ConfigError: if its games are of another player, graph, split or other settings.
     """
     if path.exists() and path.stat().st_size:
         stored_header, played, torn = read_games(path)
@@ -173,9 +170,7 @@ def _check_header(path: Path, stored: GamesHeader, header: GamesHeader) -> None:
     # Graph and split come first: another graph may also differ in settings.
     for name, value in {"player": header.player, **as_values(header.settings)}.items():
         if before[name] != value:
-            is_graph = name in ("graph", "graph_hash", "split_hash")
-            kind = GraphMismatchError if is_graph else ConfigError
-            raise kind(
+            raise ConfigError(
                 f"'{path}' holds games with `{name}` {before[name]}, and this command has {value}. "
                 "Choose another `out`, or use the same settings."
             )
@@ -228,8 +223,7 @@ def games_writer(path: Path, header: GamesHeader) -> Iterator[Keep]:
 
     Raises:
         ArtefactError: if the file is damaged, no plain file, or in use by another process.
-        GraphMismatchError: if its games are of another graph or split.
-        ConfigError: if its games are of another player or other settings.
+        ConfigError: if its games are of another player, graph, split or other settings.
     """
     waiting: list[GameRecord] = []
 
@@ -272,10 +266,6 @@ def evaluation_of(played: Sequence[GameRecord], groups: Ids | None = None) -> "E
     tasks = np.array(sorted({game.task for game in played}), dtype=np.int64)
     seeds = {game.distractor_seed for game in played}
     shape = (len(tasks), len(seeds))
-    if len(played) != shape[0] * shape[1]:
-        raise ValueError(
-            f"{len(played)} games: expected {shape[0]} tasks with {shape[1]} distractor seeds each"
-        )
     # Sorted by task, then by seed, so that a reshaping gives a row for each task.
     games = sorted(played, key=lambda game: (game.task, game.distractor_seed))
     return Evaluation(
@@ -349,8 +339,7 @@ def play_all(
     Raises:
         ArtefactError: if the folder's games are damaged or changed, or the folder is in use by
             another process.
-        GraphMismatchError: if the folder's games are of another graph or split.
-        ConfigError: if they are of another player or other settings.
+        ConfigError: if they are of another player, graph, split or other settings.
     """
     path = folder / GAMES_FILE
     settings = play.settings
@@ -466,14 +455,7 @@ def evaluate_program(
                 games = folder / f"distractors-{world.config.num_distractors}"
                 played = play_all(program, play, games, tasks.tolist())
                 results.append(evaluation_of(played, world.groups))
-                _log_answers(program.name, played)
+                if invalid := sum(game.invalid_actions for game in played):
+                    text = counted(invalid, "invalid answer")
+                    logging.getLogger(__name__).warning("%s: %s", program.name, text)
     return program.name, results
-
-
-def _log_answers(name: str, played: Sequence[GameRecord]) -> None:
-    invalid = sum(game.invalid_actions for game in played)
-    lost = sum(game.lost_attempts for game in played)
-    if invalid:
-        logging.getLogger(__name__).warning(
-            "%s: %s, %s lost", name, counted(invalid, "invalid answer"), counted(lost, "attempt")
-        )

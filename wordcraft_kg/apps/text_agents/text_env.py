@@ -16,7 +16,6 @@ from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
 from wordcraft_kg.base import MAX_SIZE, ActionError, ConfigError
 from wordcraft_kg.envs.words import characters
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.envs.world_config import METADATA, check_mode
 from wordcraft_kg.graphs.graph_folder import GraphLike
 
 LONGEST_ACTION = 10_000
@@ -62,13 +61,10 @@ class TextEnv(Seat, gym.Env[str, str]):
         talk: the conversation; None before the first ``reset``.
     """
 
-    metadata = METADATA
-
     def __init__(
         self,
         graph: GraphLike | World = "everyday",
         *,
-        render_mode: str | None = None,
         knowledge: LookUps = "none",
         look_ups: int = LOOK_UPS,
         difficulty: tuple[float, float] | None = None,
@@ -89,8 +85,6 @@ class TextEnv(Seat, gym.Env[str, str]):
             TaskError: if the graph has no such task.
             RecipeFileError: if there is no such graph, or a book cannot be read.
         """
-        check_mode(render_mode)
-        self.render_mode = render_mode
         self.world = World.of(graph, settings)
         self._play = TaskGames(self.world, knowledge=knowledge, look_ups=look_ups)
         self._tasks = chosen_tasks(self.world, None, difficulty)
@@ -143,14 +137,6 @@ class TextEnv(Seat, gym.Env[str, str]):
         talk = self._begun
         reply = talk.hear(action[-LONGEST_ACTION:])
         return self._in_space(reply), talk.reward, talk.is_over, False, self._info()
-
-    def render(self) -> str | None:
-        """Return the state in words; None without a ``render_mode``.
-
-        Raises:
-            EpisodeError: before :meth:`reset`.
-        """
-        return None if self.render_mode is None else self._begun.game.state
 
     def _info(self) -> Info:
         talk = self._begun

@@ -37,27 +37,13 @@ from http.client import HTTPException
 from pathlib import Path
 from queue import Empty, Full, Queue, SimpleQueue
 from types import TracebackType
-from typing import Any, Protocol
+from typing import Any
 from urllib.error import HTTPError, URLError
 from urllib.request import HTTPRedirectHandler, Request, build_opener
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT
 from wordcraft_kg.base import ConfigError, PlayerError, for_terminal, number_in
-
-
-class TextPlayer(Protocol):
-    """A program or a model that plays by text, several games one after another or at a time.
-
-    Attributes:
-        name: the player's name in results.
-    """
-
-    name: str
-
-    def answer(self, talk: Conversation) -> str:
-        """Return the answer to the last message of a game that is not over."""
-
 
 MOST_CHARACTERS = 100_000
 """Most characters in an answer line; a language model may include reasoning."""
@@ -85,7 +71,6 @@ _PASSED_ON = frozenset(
     )
 )
 """Environment variables that a program receives, besides LC_* and WORDCRAFT_KG_*."""
-_OWN_PREFIXES = ("LC_", "WORDCRAFT_KG_")
 
 
 class LinePlayer(AbstractContextManager["LinePlayer"]):
@@ -263,13 +248,13 @@ def player_environment(variables: Mapping[str, str]) -> dict[str, str]:
     These are paths, language, caches and devices. Tokens and keys are not among them, because a
     program may be foreign. Proxies are passed on unless their address holds a password.
     """
-    passed = {}
-    for name, value in variables.items():
-        is_proxy = name.upper() in ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY") and "@" not in value
-        is_own = name.upper().startswith(_OWN_PREFIXES)
-        if name.upper() in _PASSED_ON or is_proxy or is_own:
-            passed[name] = value
-    return passed
+
+    def is_passed(name: str, value: str) -> bool:
+        if name in ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY"):
+            return "@" not in value
+        return name in _PASSED_ON or name.startswith(("LC_", "WORDCRAFT_KG_"))
+
+    return {name: value for name, value in variables.items() if is_passed(name.upper(), value)}
 
 
 def _message_in(line: str) -> str:
@@ -415,3 +400,7 @@ class ChatServer:
         """Return a server's words in one line, without the key, which some servers repeat."""
         public_text = text.replace(self._key, "***") if self._key else text
         return for_terminal(" ".join(public_text.split()))[:2_000].rstrip(".")
+
+
+TextPlayer = LinePlayer | ChatServer
+"""A program or a model that plays by text, several games one after another or at a time."""

@@ -137,9 +137,9 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
         is_replacing = submission.check_folder(out, games, is_program=is_program, force=force)
         with results.continuable(messages):
             settings = benchmark_players.RunSettings(
-                messages, look_ups, timeout, weights, is_replacing, base_url, parallel
+                messages, look_ups, timeout, is_replacing, base_url, parallel
             )
-            kind, entrant = benchmark_players.enter(benchmark_track, player, settings)
+            kind, entrant = benchmark_players.enter(benchmark_track, player, settings, weights)
         if tokens and entrant.tokens is not None:
             raise ConfigError(
                 f"`tokens`: the log of '{player[:100]}' has its own numbers. Leave the option out."

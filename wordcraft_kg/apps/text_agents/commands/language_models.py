@@ -224,20 +224,22 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
         if transport == "http":
             listening = stack.enter_context(listen(host, port))
         # Tools reject an invalid call, and the client asks again; so it never costs an attempt.
-        rules: dict[str, Any] = {"max_invalid": conversation.NEVER}
-        offer = {"knowledge": knowledge, "look_ups": look_ups}
+        rules: dict[str, Any] = {
+            "max_invalid": conversation.NEVER,
+            "knowledge": knowledge,
+            "look_ups": look_ups,
+        }
         if track is not None:
-            play = benchmark.open_track(track).play(knowledge, **rules)
+            play = benchmark.open_track(track).play(**rules)
         elif open_ended:
             play = plays.DiscoveryGames(
                 open_graph(graph),
                 attempts=attempts,
                 base=split_labels(base) if base else None,
-                **offer,
                 **rules,
             )
         else:
-            play = plays.open_play(graph, part, depth, distractors, attempts, **offer, **rules)
+            play = plays.open_play(graph, part, depth, distractors, attempts, **rules)
         hosted = mcp_server.HostedGames(play)
         if out is not None:
             header = results.GamesHeader(player="MCP clients", settings=hosted.play.settings)

@@ -120,13 +120,15 @@ def play(  # noqa: PLR0913 - parameters are the command's options
         sys.stdin.reconfigure(errors="replace")
     from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, open_play
 
+    # With --json, stdout is for the result alone.
+    stream = sys.stderr if output.json else sys.stdout
     # A person corrects a typing error as often as it takes.
     if open_ended:
         games = DiscoveryGames(open_graph(graph), attempts=attempts, max_invalid=MAX_SIZE)
-        _play_open_world(games, output)
+        _play_open_world(games, stream, output)
     else:
         tasks = open_play(graph, part, depth, distractors, attempts, max_invalid=MAX_SIZE)
-        _play_tasks(tasks, seed, output)
+        _play_tasks(tasks, seed, stream, output)
 
 
 def _play_page(
@@ -158,15 +160,9 @@ def _play_page(
             serve(app, listening, started, in_browser=True)
 
 
-def _stream(output: Output) -> TextIO:
-    """Return the stream of the game: with --json, stdout is for the result alone."""
-    return sys.stderr if output.json else sys.stdout
-
-
-def _play_tasks(games: "TaskGames", seed: int, output: Output) -> None:
+def _play_tasks(games: "TaskGames", seed: int, stream: TextIO, output: Output) -> None:
     import numpy as np
 
-    stream = _stream(output)
     tasks = games.world.tasks
     rng = np.random.default_rng(seed)
     made: list[bool] = []
@@ -188,8 +184,7 @@ def _play_tasks(games: "TaskGames", seed: int, output: Output) -> None:
     output.result({"seed": seed, "episodes": len(made), "successes": sum(made)}, [tally])
 
 
-def _play_open_world(games: "DiscoveryGames", output: Output) -> None:
-    stream = _stream(output)
+def _play_open_world(games: "DiscoveryGames", stream: TextIO, output: Output) -> None:
     talk = games.begin()
     say(stream, help_text(talk), talk.game.state)
     with suppress(EOFError, KeyboardInterrupt):

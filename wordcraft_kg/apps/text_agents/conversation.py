@@ -124,7 +124,7 @@ class Conversation:
 
     Attributes:
         game: the game.
-        name: the game's id on a server, or its name in a data set; empty elsewhere.
+        name: the game's name, or its id on a server of tools; empty for a game without either.
         invalid_actions: number of messages that were not understood.
         lost_attempts: number of attempts lost by them.
         look_ups: number of entities that were looked up.

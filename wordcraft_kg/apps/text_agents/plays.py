@@ -438,12 +438,13 @@ class GameList:
         Raises:
             ConfigError: for another text, or a game that is not offered.
         """
+        # The name comes from outside, and errors show its beginning alone.
         task_name, _, seed = name.rpartition("-") if isinstance(name, str) else ("", "", "")
         first_name = f"{task_name}-0"
         if first_name in self._by_name and _SEED.fullmatch(seed):
             return *self._by_name[first_name], int(seed)
         raise ConfigError(
-            f"`task_id` {_shown(name)} is no game of this server; expected a graph, a part, a "
+            f"`task_id` {name!r:.60} is no game of this server; expected a graph, a part, a "
             "depth, a number of distractors and a task that it has, such as "
             f"'{next(iter(self._by_name))}'."
         )
@@ -451,13 +452,8 @@ class GameList:
     def _of_part(self, part: Any) -> list[tuple[Play, int]]:
         if not isinstance(part, str) or part not in self.plays:
             raise ConfigError(
-                f"the part {_shown(part)} is not offered here; expected {', '.join(self.plays)}. "
+                f"the part {part!r:.60} is not offered here; expected {', '.join(self.plays)}. "
                 "Tasks of another part are for another use: those of the part test measure what "
                 "was learned on the part train."
             )
         return self._tasks[part]
-
-
-def _shown(value: object) -> str:
-    """Return a value from outside, which may be of any length, for a message."""
-    return repr(value)[:60]

@@ -153,6 +153,4 @@ class TextEnv(Seat, gym.Env[str, str]):
 
     def _in_space(self, text: str) -> str:
         """Return a text of the space: an error repeats a part of the action, in any characters."""
-        if self._charset.issuperset(text):
-            return text
         return "".join(letter if letter in self._charset else _UNKNOWN for letter in text)

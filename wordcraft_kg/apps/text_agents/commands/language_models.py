@@ -61,8 +61,12 @@ def _kinds_of_games(
     depth: list[str] | None, distractors: list[str] | None
 ) -> list[tuple[int, int]]:
     """Return each depth with each number of distractors, from the options of these names."""
-    depths = whole_numbers("depth", depth or ["1"])
-    return list(product(depths, whole_numbers("distractors", distractors or ["8"])))
+    return list(
+        product(
+            whole_numbers("depth", depth or ["1"]),
+            whole_numbers("distractors", distractors or ["8"]),
+        )
+    )
 
 
 def chats(  # noqa: PLR0913 - parameters are the command's options

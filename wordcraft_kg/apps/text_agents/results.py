@@ -62,7 +62,7 @@ class GamesHeader(Record, frozen=True, kw_only=True):
         settings: settings of all games in the file.
     """
 
-    format: Literal["wordcraft-kg text games 2"] = "wordcraft-kg text games 2"
+    format: Literal["wordcraft-kg text games 3"] = "wordcraft-kg text games 3"
     player: str
     settings: PlayedSettings
 
@@ -407,7 +407,7 @@ def continuable(folder: Path) -> Iterator[None]:
         try:
             yield
         except (KeyboardInterrupt, PlayerError, OSError) as error:
-            if not any(folder.rglob(GAMES_FILE)) or isinstance(error, ArtefactError):
+            if not any(folder.rglob(GAMES_FILE)):
                 raise
             hint = f"Finished games are in {folder}; repeat the command to continue."
             if isinstance(error, KeyboardInterrupt):

@@ -5,20 +5,18 @@ table as ids of a book, whose content hash guards the ids.
 """
 
 import hashlib
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
 
-from wordcraft_kg.apps.text_agents.conversation import PartialGraphKnowledge
 from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, Play, TaskGames
-from wordcraft_kg.apps.text_agents.settings import GameSettings, LookUps
+from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.base import (
     ConfigError,
     Count,
@@ -26,7 +24,6 @@ from wordcraft_kg.base import (
     Hash,
     Record,
     nearest,
-    one_of,
     parse_record,
     read_small_file,
 )
@@ -43,8 +40,6 @@ from wordcraft_kg.graphs import (
 from wordcraft_kg.graphs.tasks import Rows
 
 MANIFEST = Path(__file__).parent / "data" / "everyday-v3.json"
-BOARD = MANIFEST.with_name("board.json")
-"""Rows of the leaderboard, which `benchmarks/leaderboard_page.py` writes."""
 # With 100 tasks a 95 % interval is at most 20 points wide, enough to tell clearly different players
 # apart, at a price that a language model's user can pay.
 LITE_TASKS = 100
@@ -138,24 +133,6 @@ def read_manifest(path: Path = MANIFEST) -> tuple[Manifest, str]:
     return parse_record(data, Manifest, path), hashlib.sha256(data).hexdigest()
 
 
-def rank_text(track: str, success: float) -> str:
-    """Return the rank of a result among the rows of the leaderboard; empty without rows.
-
-    Args:
-        track: name of the track with endings.
-        success: the result: a mean success, or a mean number of known items.
-    """
-    rows = json.loads(read_small_file(BOARD)).get(track, [])
-    if not rows:
-        return ""
-    better_rows = [row for row in rows if row["success"] > success]
-    text = f"rank {len(better_rows) + 1} beside the {len(rows)} rows of the leaderboard"
-    if better_rows:
-        neighbour = better_rows[-1]
-        text += f", below {neighbour['player']} ({neighbour['success']:.3f})"
-    return text
-
-
 @dataclass(frozen=True)
 class Track:
     """A track ready for play; its games are numbered from 0, and ``len`` counts them.
@@ -198,55 +175,20 @@ class Track:
         )
         return World(self.opened, config, task_set(self.opened.graph, frozen.depth, frozen.tasks))
 
-    def play(self, look_ups: str = "none", **rules: Any) -> Play:
+    def play(self, knowledge: LookUps = "none", **rules: Any) -> Play:
         """Return the games as conversations.
 
         Args:
-            look_ups: source of look-ups: none, or partial (the train recipes).
+            knowledge: source of look-ups: none, or partial (the train recipes).
             rules: fields of the played settings that replace the track's, such as ``prompt_hash``.
-
-        Raises:
-            ConfigError: for other look-ups.
         """
-        one_of("knowledge", look_ups, get_args(LookUps))
         frozen = self.frozen
-        knowledge = PartialGraphKnowledge(self.opened.split) if look_ups == "partial" else None
-        rules = {"track": self.full_name, **rules}
+        rules = {"track": self.full_name, "knowledge": knowledge, **rules}
         if self.is_open_ended:
             rules |= {"attempts": frozen.attempts, "orders": frozen.orders}
-            return DiscoveryGames(self.opened, knowledge, distractor_seeds=len(self), **rules)
+            return DiscoveryGames(self.opened, distractor_seeds=len(self), **rules)
         # The frozen table replaces the drawn one, so the distractor seed has no meaning.
-        return TaskGames(
-            self.world, knowledge, table=lambda task, _: [*frozen.tasks[task].table], **rules
-        )
-
-
-def choose_games(
-    graph: str, settings: GameSettings, track: str | None = None, **rules: Any
-) -> Play:
-    """Open the games of a track, or those that the settings describe.
-
-    Args:
-        graph: graph folder, recipe book file, or name of a built-in book.
-        settings: the games; beside a track, only its ``knowledge`` may be given.
-        track: name of a track; None for the games of the settings.
-        rules: further fields of the played settings.
-
-    Raises:
-        ConfigError: for settings that do not fit the graph or the track, or an unknown track.
-        GraphMismatchError: if the scorer is of another graph or split.
-        LeakError: if a scorer would reveal its train recipes on train tasks.
-        TaskError: if the graph has no task for these settings.
-        RecipeFileError: if there is no such graph, or a book cannot be read.
-        ArtefactError: if the scorer's folder or a graph folder is unfinished or damaged.
-    """
-    if track is None:
-        return Play.open(graph, settings, **rules)
-    if (graph, replace(settings, knowledge="none", scorer=None)) != ("everyday", GameSettings()):
-        raise ConfigError(
-            "`track` has its own games; omit the graph and the options of games but `knowledge`."
-        )
-    return open_track(track).play(settings.knowledge, **rules)
+        return TaskGames(self.world, table=lambda task, _: [*frozen.tasks[task].table], **rules)
 
 
 @cache

@@ -20,7 +20,7 @@ from itertools import chain, product, zip_longest
 from typing import TYPE_CHECKING, Any, Literal
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Seat
-from wordcraft_kg.apps.text_agents.plays import NamedGame, chosen_tasks, open_play, tool_opening
+from wordcraft_kg.apps.text_agents.plays import chosen_tasks, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
 from wordcraft_kg.base import ConfigError, whole
 from wordcraft_kg.base.extras import missing_extra
@@ -60,7 +60,6 @@ def begin_row(row: Mapping[str, Any]) -> Conversation:
             of the row, or a value is out of range.
         RecipeFileError: if there is no such graph, or a book cannot be read.
         TaskError: if the graph has no task for these settings.
-        LeakError: if look-ups would leak train recipes on train tasks.
     """
     missing = [name for name in COLUMNS if row.get(name) is None]
     if missing:
@@ -69,12 +68,11 @@ def begin_row(row: Mapping[str, Any]) -> Conversation:
             "Make the data set with crafting_dataset."
         )
     play = open_play(*(row[name] for name in _SETTINGS))
-    game = NamedGame(play, row["task"], row["distractor_seed"])
-    talk = game.begin()
+    talk = play.begin(row["task"], row["distractor_seed"])
     facts = {
         "split_hash": play.settings.split_hash,
         "goal": talk.game.goal,
-        "task_id": game.name,
+        "task_id": talk.name,
     }
     for name, value in facts.items():
         # A row may have no name: its columns say everything.
@@ -205,7 +203,6 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
 
     Raises:
         ConfigError: for a value out of range.
-        LeakError: if look-ups would leak train recipes on train tasks.
         TaskError: if the graph has no task for these settings.
         RecipeFileError: if there is no such graph, or a book cannot be read.
     """
@@ -219,10 +216,9 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
         task_numbers = chosen_tasks(play.world, tasks, difficulty).tolist()
         for task, seed in product(task_numbers, range(tables)):
             # The game is begun for its goal and first message, and begun again from the row.
-            game = NamedGame(play, task, seed)
-            talk = game.begin()
+            talk = play.begin(task, seed)
             row = {
-                "task_id": game.name,
+                "task_id": talk.name,
                 "graph": graph,
                 "split_hash": play.settings.split_hash,
                 "part": part,
@@ -255,7 +251,7 @@ def crafting_dataset(graph: str = "everyday", **settings: Any) -> "datasets.Data
 
     Raises:
         MissingExtraError: without the package datasets, which TRL requires itself.
-        ConfigError, TaskError, RecipeFileError, LeakError: as :func:`crafting_rows`.
+        ConfigError, TaskError, RecipeFileError: as :func:`crafting_rows`.
     """
     rows = crafting_rows(graph, **settings)
     try:

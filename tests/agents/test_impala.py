@@ -316,9 +316,6 @@ def test_updates_are_those_of_the_formulas_written_out(
     )
     assert figures["success"] == pytest.approx(sum(row["won"] for row in logged) / over.sum())
     ratios = logged[-1]["ratios"]
-    assert figures["ratio_mean"] == pytest.approx(ratios.mean(), rel=1e-3)
-    assert figures["ratio_max"] == pytest.approx(ratios.max(), rel=1e-3)
-    assert figures["ratio_clipped"] == pytest.approx((ratios > 1 + 1e-5).mean())
     assert (np.abs(ratios - 1).mean() > 1e-4) == (impala.config.policy_lag > 0)
     for pick, rows in logged[-1]["lambdas"].items():
         for i, source in enumerate(label.name for label in impala.policy.labels):

@@ -193,8 +193,7 @@ def whole(book: str, distractors: int, steps: int, device: str) -> None:
             seconds, found = time.perf_counter() - begun, json.loads(done.stdout)
             print(
                 f"{name:9s} {found['steps']:,} steps from the command to its report: {seconds:.1f} "
-                f"s ({found['steps_per_second']:,} steps/s in training, "
-                f"{found['curves_share']:.1%} of the time for the curves); test success "
+                f"s ({found['steps_per_second']:,} steps/s in training); test success "
                 f"{found['success']['test']:.3f}",
                 flush=True,
             )

@@ -31,7 +31,8 @@ from wordcraft_kg.runs.record import RunFiles, RunRecord, run_name
 from wordcraft_kg.runs.run_folder import RunKind
 
 AGENTS = RunKind(AgentConfig.commands, "agent", unit="step", progress=AgentProgress)
-_METRICS = "metrics.jsonl"
+METRICS_FILE = "metrics.jsonl"
+"""Name of the file with the training's metrics, a line for each point in time."""
 INPUTS = ("policy.json", "constants.safetensors")
 """Files in a run folder that never change during training; ``run.json`` hashes them."""
 
@@ -135,11 +136,11 @@ def read_agent_run(folder: str | Path) -> AgentRun:
     config = AgentConfig.read(folder)
     name = run_name(folder)
     if files.run.status == "done":
-        metrics = read_metrics(files.bytes(_METRICS), folder / _METRICS)
+        metrics = read_metrics(files.bytes(METRICS_FILE), folder / METRICS_FILE)
         return AgentRun(name, "final", config, files.run, metrics, read_summary(files))
     last = next(iter(AGENTS.checkpoints(folder).records()), None)
     checkpoint = "" if last is None else f"step {last:,}"
-    path = folder / _METRICS
+    path = folder / METRICS_FILE
     lines = read_small_file(path) if path.exists() else b""
     # Another process may be writing the last line at this moment.
     complete = lines[: lines.rfind(b"\n") + 1]

@@ -61,7 +61,6 @@ class AgentSummary(Record, frozen=True, kw_only=True):
         seconds: run time, with evaluation and writing.
         parameters: number of trained parameters.
         steps_per_second: environment steps per second of training, without evaluation.
-        curves_share: share of the run time for learning curves.
         success: success rate by part of the split.
         outcomes: episode shares by part and termination reason, which sum to 1 in each part.
         distractors: number of distractors in the evaluated tasks.
@@ -70,7 +69,6 @@ class AgentSummary(Record, frozen=True, kw_only=True):
     steps: int
     seconds: float
     steps_per_second: int
-    curves_share: float
     parameters: int
     success: dict[TaskPart, Success]
     outcomes: dict[TaskPart, dict[TerminationReason, Share]]
@@ -82,13 +80,11 @@ class AgentProgress(Record, frozen=True, kw_only=True):
 
     Attributes:
         seconds: time of acting and learning.
-        eval_seconds: time of the learning curves.
         elapsed: time of everything, earlier parts of a resumed run included.
         metrics_bytes: length of ``metrics.jsonl``, to which a resumed run cuts the file.
     """
 
     seconds: float
-    eval_seconds: float
     elapsed: float
     metrics_bytes: int
 

@@ -105,9 +105,7 @@ def test_a_run_folder_holds_what_its_description_says(opened, done):
     rows = lines_of(done / "metrics.jsonl")
     assert [row["step"] for row in rows] == [0, *range(160, 1_601, 160)]
     assert [row["step"] for row in rows if "test_success" in row] == [0, 800, 1_600]
-    assert {"success", "return", "loss", "entropy", "train_success"} <= rows[
-        -1
-    ].keys()
+    assert {"success", "return", "loss", "entropy", "train_success"} <= rows[-1].keys()
     summary = open_agent(done).evaluation
     assert (summary.steps, summary.success["test"].mean) == (1_600, rows[-1]["test_success"])
 

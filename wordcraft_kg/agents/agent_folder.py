@@ -5,9 +5,13 @@ hashes in ``run.json``, and damage is an ArtefactError that names the file.
 """
 
 import logging
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from wordcraft_kg.agents.agent_config import AgentConfig
 from wordcraft_kg.agents.agent_records import (
@@ -20,11 +24,12 @@ from wordcraft_kg.agents.agent_records import (
 from wordcraft_kg.base import GraphMismatchError, WordCraftKGError, read_small_file
 from wordcraft_kg.base.tensors import with_prefix
 from wordcraft_kg.graphs.graph_folder import GraphLike, OpenedGraph
-from wordcraft_kg.models.model_folder import read_history
+from wordcraft_kg.models.model_folder import open_model, read_history
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.policy_folder import load_policy, read_policy
 from wordcraft_kg.models.policies.sources import W
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
+from wordcraft_kg.models.scorers.scorer_folder import WEIGHTS
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.record import RunFiles, RunRecord, run_name
@@ -37,7 +42,7 @@ INPUTS = ("policy.json", "constants.safetensors")
 """Files in a run folder that never change during training; ``run.json`` hashes them."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class AgentRun:
     """The records in an agent's run folder, finished or not, without graph and weights.
 
@@ -73,7 +78,7 @@ class AgentRun:
         return facts | {name: run.inputs[name] for name in inputs if name in run.inputs}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OpenedAgent(AgentRun):
     """An agent ready for evaluation.
 
@@ -106,21 +111,28 @@ class OpenedAgent(AgentRun):
     def made_by_other_books(self) -> frozenset[str] | None:
         """Labels that another book in the scorer's training makes.
 
-        None without another book, or if the scorer's folder is gone. A folder that has changed
-        gives a warning.
+        None without another book, or if the scorer's folder has moved or changed.
         """
-        scorer = self.config.scorer
-        weights = self.run.inputs.get("scorer")
-        if scorer is None or weights is None:
+        if self.config.scorer is None:
             return None
-        if not Path(scorer).is_dir():
-            return None
-        try:
-            history = read_history(scorer, weights)
-        except WordCraftKGError as error:
-            logging.getLogger(__name__).warning("no results by goals of other books: %s", error)
-            return None
-        return None if history is None else history.made_by_other_books
+        with suppress(WordCraftKGError):
+            history = read_history(self.config.scorer, self.run.inputs["scorer"])
+            return None if history is None else history.made_by_other_books
+        return None
+
+    @cached_property
+    def trained_on(self) -> NDArray[np.bool_]:
+        """Recipes that the scorer was trained on, shape (num_recipes,).
+
+        If the scorer's folder has moved or changed, all recipes of the recorded kind, such as all
+        train recipes, of which the training may have had a sample.
+        """
+        if self.config.scorer is not None:
+            with suppress(WordCraftKGError):
+                model = open_model(self.config.scorer, self.opened.source)
+                if model.run.outputs[WEIGHTS] == self.run.inputs["scorer"]:
+                    return model.train_sample.is_trained_on & ~model.train_sample.is_wrong
+        return self.opened.train_sample(self.run.kg or "none").is_trained_on
 
 
 def read_agent_run(folder: str | Path) -> AgentRun:

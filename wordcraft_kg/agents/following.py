@@ -6,11 +6,9 @@ comes from, and made again when the stamp changes.
 
 import threading
 from collections.abc import Callable, Hashable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
-
-import numpy as np
-from numpy.typing import NDArray
 
 from wordcraft_kg.agents.agent_folder import (
     AGENTS,
@@ -21,16 +19,12 @@ from wordcraft_kg.agents.agent_folder import (
 )
 from wordcraft_kg.agents.agent_records import EPISODES_FILE, PlayedTask, read_episodes
 from wordcraft_kg.agents.explanation import Explainer
-from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import OpenedGraph, TaskPart
-from wordcraft_kg.models.model_folder import open_model
-from wordcraft_kg.models.scorers.scorer_folder import WEIGHTS
 from wordcraft_kg.runs.record import RUN_FILE
 
 EXPLAINERS = 8
-"""Maximum number of cached explainers, one per world; each copies the policy."""
+"""Maximum number of cached explainers, one per agent and world; each copies the policy."""
 MAX_ACTIONS = 20
 """Maximum number of explained actions per episode; an episode may have 2,000."""
 T = TypeVar("T")
@@ -57,7 +51,7 @@ class FollowedRun:
         self.opened = opened
         self._lock = threading.RLock()
         self._kept: dict[str, tuple[Hashable, Any]] = {}
-        self._explainers: dict[WordCraftConfig, Explainer] = {}
+        self._explainer = lru_cache(EXPLAINERS)(_explainer)
 
     def records(self) -> AgentRun:
         """Return the run's settings, status, learning curves and checkpoints, as they are now.
@@ -80,12 +74,7 @@ class FollowedRun:
         """
         # Weights change with a checkpoint, or with the record at the end of training.
         stamp = (*self._stamp(RUN_FILE), *AGENTS.checkpoints(self.folder).records())
-        return self._once("agent", stamp, self._opened)
-
-    def _opened(self) -> OpenedAgent:
-        # Explainers of earlier weights.
-        self._explainers.clear()
-        return open_agent(self.folder, self.opened)
+        return self._once("agent", stamp, lambda: open_agent(self.folder, self.opened))
 
     def explainer(self, world: World) -> Explainer:
         """Return an explainer for the latest weights, for :data:`MAX_ACTIONS` of an episode.
@@ -96,39 +85,7 @@ class FollowedRun:
             GraphMismatchError: if the graph or split differs from training.
         """
         with self._lock:
-            agent = self.agent()
-            explainer = self._explainers.pop(world.config, None) or Explainer(
-                agent.policy,
-                world,
-                max_actions=MAX_ACTIONS,
-                kg=agent.run.kg or "partial",
-                trained_on=self._trained_on(agent),
-                outside=agent.outside,
-            )
-            # The one that was asked for last comes last, and the first one falls off.
-            self._explainers[world.config] = explainer
-            if len(self._explainers) > EXPLAINERS:
-                del self._explainers[next(iter(self._explainers))]
-            return explainer
-
-    def _trained_on(self, agent: AgentRun) -> NDArray[np.bool_] | None:
-        """Return a mask of the recipes that the scorer was trained on; None if unknown."""
-        inputs = agent.run.inputs
-        folder = agent.config.scorer
-        if folder is None or "scorer" not in inputs:
-            return None
-
-        def read() -> NDArray[np.bool_] | None:
-            try:
-                model = open_model(folder, self.opened.source)
-                train_sample = model.train_sample
-            except WordCraftKGError:
-                return None  # the scorer's folder has moved or changed since
-            if model.run.outputs[WEIGHTS] != inputs["scorer"]:
-                return None
-            return train_sample.is_trained_on & ~train_sample.is_wrong
-
-        return self._once("trained_on", inputs["scorer"], read)
+            return self._explainer(self.agent(), world)
 
     def episodes(self) -> dict[tuple[TaskPart, str, tuple[str, ...]], PlayedTask]:
         """Return the final evaluation's episodes by part, goal and starting ingredients.
@@ -140,12 +97,13 @@ class FollowedRun:
         """
         if self.records().evaluation is None:
             return {}
-        stamp = self._stamp(EPISODES_FILE)
-
-        def read() -> dict[tuple[TaskPart, str, tuple[str, ...]], PlayedTask]:
-            return {(task.part, task.goal, task.start): task for task in read_episodes(self.folder)}
-
-        return self._once("episodes", stamp, read)
+        return self._once(
+            "episodes",
+            self._stamp(EPISODES_FILE),
+            lambda: {
+                (task.part, task.goal, task.start): task for task in read_episodes(self.folder)
+            },
+        )
 
     def _stamp(self, *names: str) -> tuple[Hashable, ...]:
         """Return a value that changes when one of some files does; a missing file counts, too."""
@@ -170,3 +128,13 @@ class FollowedRun:
             if name not in self._kept or self._kept[name][0] != stamp:
                 self._kept[name] = (stamp, make())
             return cast(T, self._kept[name][1])
+
+
+def _explainer(agent: OpenedAgent, world: World) -> Explainer:
+    return Explainer(
+        agent.policy,
+        world,
+        max_actions=MAX_ACTIONS,
+        trained_on=agent.trained_on,
+        outside=agent.outside,
+    )

@@ -84,18 +84,11 @@ class TrainedAgent:
 
     Attributes:
         folder: run folder.
-        step: number of environment steps so far.
-        summary: final evaluation; None for an interrupted run, which the same call would continue.
+        summary: final evaluation.
     """
 
     folder: Path
-    step: int
-    summary: AgentSummary | None
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether Ctrl-C ended the run."""
-        return self.summary is None
+    summary: AgentSummary
 
 
 def train_agent(
@@ -117,7 +110,7 @@ def train_agent(
         progress: called after each line of metrics; True shows a bar, None or False nothing.
 
     Returns:
-        The run folder and, unless interrupted, the final evaluation.
+        The run folder and the final evaluation.
 
     Raises:
         OutputExistsError: if the folder holds other files or a finished run, and ``force`` is
@@ -132,12 +125,13 @@ def train_agent(
         RecipeFileError: if there is no such graph, or a book cannot be read.
         TaskError: if the split has no train tasks for these settings.
         LeakError: if a model of the scorer has seen all recipes of a train task's plan.
+        KeyboardInterrupt: after Ctrl-C; the same call continues the run.
 
     Example:
         >>> trainer = ImpalaConfig(steps=1_024, eval_every=0)
         >>> config = AgentConfig("kitchen", "models/kitchen", trainer=trainer)
         >>> trained = train_agent(config, "runs/kitchen")
-        >>> trained.step
+        >>> trained.summary.steps
         1024
     """
     config.check_preset()
@@ -302,7 +296,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         log: Log,
         checkpoint: Checkpoint[AgentProgress] | None,
     ) -> TrainedAgent:
-        """Train to the end, or to the first Ctrl-C.
+        """Train to the end.
 
         Args:
             run: the run's folder, record and checkpoints.
@@ -311,9 +305,10 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             checkpoint: state to continue from; None for a new run.
 
         Returns:
-            The run folder and, unless interrupted, the final evaluation.
+            The run folder and the final evaluation.
 
         Raises:
+            KeyboardInterrupt: after Ctrl-C, when a checkpoint is saved.
             ArtefactError: if the checkpoint does not fit the run, or a file has changed.
             TrainingError: if the loss is no longer finite; the last checkpoint stays.
             ConfigError: if the settings do not fit the graph or the machine.
@@ -347,8 +342,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             if run.checkpoints.last != self.step:
                 self._save()
             if self.impala.update_number < trainer.updates:
-                run.interrupt()
-                return TrainedAgent(run.path, self.step, None)
+                raise KeyboardInterrupt
             return self._finish()
 
     def _start(
@@ -383,7 +377,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
     @classmethod
     def outcome(cls, files: RunFiles) -> TrainedAgent:  # noqa: D102 - inherited
         summary = read_summary(files)
-        return TrainedAgent(files.folder, summary.steps, summary)
+        return TrainedAgent(files.folder, summary)
 
     def _restore(self, checkpoint: Checkpoint[AgentProgress]) -> None:
         self.impala.restore(checkpoint.tensors)
@@ -459,7 +453,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         write_atomically(run.path / "evaluation.json", dump_json(as_values(summary)))
         write_atomically(run.path / EPISODES_FILE, _episode_lines(world, results))
         run.finish(OUTPUTS, agent_card(self.opened, self.config, run.record, summary))
-        return TrainedAgent(run.path, self.step, summary)
+        return TrainedAgent(run.path, summary)
 
 
 def _warn_of_self_pairs(graph: RecipeGraph, config: AgentConfig) -> None:

@@ -244,7 +244,7 @@ COUNTS = ("steps", "batch_size", "unroll", "threads", "log_every", "checkpoint_e
     ("setting", "value"),
     [
         *((name, value) for name in COUNTS for value in (0, -5)),
-        *((name, -1) for name in ("policy_lag", "seed", "eval_every")),
+        *((name, -1) for name in ("seed", "eval_every")),
         *(
             (name, value)
             for name in ("learning_rate", "rms_epsilon", "clip")
@@ -276,7 +276,6 @@ def test_the_preset_paper_has_the_papers_values():
     assert (config.learning_rate, config.rms_epsilon, config.entropy_cost) == (0.001, 0.01, 0.01)
     # Not in the paper but in its released code.
     assert (config.rms_decay, config.clip, config.baseline_cost) == (0.99, 40.0, 0.5)
-    assert config.policy_lag == 0
     agent = AgentConfig("kitchen", "models/x", TaskConfig(depth=2), trainer=config)
     assert (agent.trainer.unroll, agent.policy.scale) == (2, "ranks")
     assert (agent.policy.policy, agent.policy.mixing) == ("attention", "free")

@@ -1,8 +1,7 @@
 """IMPALA on the batched environment: actor and learner take turns in one process and on one device.
 
-The actor collects experience, the learner updates the parameters. With ``policy_lag`` k, the actor
-uses the weights from k updates ago, like actors in a distributed IMPALA, and V-trace corrects for
-the difference.
+The actor collects experience, the learner updates the parameters. Both have the same weights, so
+that the importance ratios of V-trace are 1 but for rounding.
 
 Read :meth:`Impala.update` first: an update is an unroll, a loss and an optimiser step. Below, T is
 the number of choices in an unroll, B of environments, A of slots, C of choices in a state, S of
@@ -11,7 +10,6 @@ steps. The order of operations is part of the results: tests compare whole train
 """
 
 import math
-from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -23,15 +21,14 @@ from wordcraft_kg.agents.losses import (
     Successes,
     baseline_loss,
     divergence,
-    entropy as summed_entropy,
     led_to_goals,
     memory_loss,
     policy_gradient_loss,
     v_trace,
 )
 from wordcraft_kg.agents.states import bind_tasks, states_of
-from wordcraft_kg.base import ConfigError, TrainingError, check_memory
-from wordcraft_kg.base.tensors import as_tensor, copied, with_prefix
+from wordcraft_kg.base import ConfigError, TrainingError
+from wordcraft_kg.base.tensors import as_tensor, copied
 from wordcraft_kg.envs.batch import GOAL, State
 from wordcraft_kg.models.policies.policy import Policy, Weights, log_policy
 from wordcraft_kg.models.policies.sources import W
@@ -61,7 +58,7 @@ class _Unroll(NamedTuple):
         remembered: shape (T, B, C), bool: choices that lead to remembered pairs; None without a
             memory.
         actions: shape (T, B), int64: choices.
-        log_probs: shape (T, B): log-probabilities under the acting policy.
+        log_probs: shape (T, B): log-probabilities of the choices.
         rewards: shape (T, B).
         discounts: shape (T, B): γ for each environment step, or 0 where the episode ended.
         over: shape (T, B), bool: the episode ended.
@@ -106,8 +103,7 @@ class Impala:
             config: settings of the trainer.
 
         Raises:
-            ConfigError: if ``config.policy_lag`` policies do not fit into memory, or if
-                ``config.unroll`` ends within an attempt and the policy chooses pairs.
+            ConfigError: if ``config.unroll`` ends within an attempt and the policy chooses pairs.
         """
         tasks = envs.world.config
         config = config.for_episodes(2 * (tasks.max_attempts or tasks.depth))
@@ -138,9 +134,6 @@ class Impala:
         optimizer_state = self.optimizer.state[self._flat]
         optimizer_state["step"] = torch.tensor(0.0)  # counted on the CPU
         optimizer_state["square_avg"] = torch.zeros_like(self._flat)
-        lag = min(config.policy_lag, config.updates)
-        num_bytes = 4 * len(self._flat) * lag  # bytes of float32
-        check_memory("policy_lag", config.policy_lag, "that many policies", num_bytes)
         # A choice never needs the slots that are free for the results of the last attempt.
         self._slots = envs.engine.num_slots
         # The action to combine is the last slot, and stays.
@@ -148,8 +141,6 @@ class Impala:
             self._slots -= envs.world.max_results
         self.successes = Successes(policy.num_entities, self.device)
         self._generator = torch.Generator(self.device).manual_seed(config.seed)
-        # The newest snapshot is the learner's; with lag k the oldest is from k updates ago.
-        self._snapshots: deque[Weights] = deque(maxlen=config.policy_lag + 1)
         by_lists = [part for part in policy.modules() if isinstance(part, RecipeKnowledge)]
         for knowledge in by_lists:
             knowledge.workers = config.threads
@@ -204,7 +195,7 @@ class Impala:
         bind_tasks([self.policy], self.envs.world)
         # What depends on parameters only is computed once, for the actor and the learner.
         weights = self.policy.weights(self._generator)
-        self._unroll = self._collect(self._acting(weights))
+        self._unroll = self._collect(weights)
         # Gradients flow through `weights` into the views of the flat gradient.
         self._gradient.zero_()
         losses, self._lambdas = self._losses(weights)
@@ -232,18 +223,6 @@ class Impala:
         terms += [norm, unroll.rewards.sum(), unroll.over.sum(), unroll.won.sum()]
         terms.append(torch.ones((), device=self.device))  # one update
         self._sums += torch.stack(terms)
-
-    def _acting(self, weights: Weights) -> Weights:
-        """Return the actor's weights: the learner's, or with a lag those of an earlier update."""
-        acting = {name: tensor.detach() for name, tensor in weights.items()}
-        if not self.config.policy_lag:
-            return acting
-        # Contiguous, as in a checkpoint: products with a transposed tensor round differently, and a
-        # resumed training would end with other bits.
-        layout = torch.contiguous_format
-        snapshot = {name: tensor.clone(memory_format=layout) for name, tensor in acting.items()}
-        self._snapshots.append(snapshot)
-        return self._snapshots[0]
 
     def take_metrics(self) -> dict[str, float | None]:
         """Return training metrics since the last call, by name, and reset the sums.
@@ -286,8 +265,8 @@ class Impala:
         """Return the complete training state by name; :meth:`restore` continues bit for bit.
 
         Returns:
-            Contiguous copies on the CPU: parameters, optimiser, environments, the actor's earlier
-            weights, sums of the metrics, memory of successes, generator and number of updates.
+            Contiguous copies on the CPU: parameters, optimiser, environments, sums of the metrics,
+            memory of successes, generator and number of updates.
 
         Raises:
             TrainingError: if a parameter is not finite, which updates on a device do not check.
@@ -297,8 +276,6 @@ class Impala:
         tensors = self._changed_in_place()
         engine = self.envs.saved().items()
         tensors |= {f"engine.{name}": torch.from_numpy(array) for name, array in engine}
-        for number, snapshot in enumerate(self._snapshots):
-            tensors |= {f"snapshot.{number}.{name}": part for name, part in snapshot.items()}
         tensors["successes"] = self.successes.keys
         tensors["generator"] = self._generator.get_state()
         tensors["update"] = torch.tensor(self.update_number)
@@ -331,14 +308,6 @@ class Impala:
                 tensor.copy_(state[name])
         saved = {name: state[f"engine.{name}"].numpy() for name in self.envs.saved()}
         self.envs = self.envs.restored(saved)
-        self._snapshots.clear()
-        # The oldest first, as they were taken; a weight's own name may contain dots.
-        names = with_prefix(state, "snapshot.")
-        for number in sorted({int(name.partition(".")[0]) for name in names}):
-            snapshot = with_prefix(state, f"snapshot.{number}.").items()
-            self._snapshots.append(
-                {name: part.to(self.device, copy=True) for name, part in snapshot}
-            )
         self.successes.keys = state["successes"].to(self.device, copy=True)
         self._generator.set_state(state["generator"])
         self.update_number = int(state["update"])
@@ -491,7 +460,7 @@ class Impala:
         policy_loss = policy_gradient_loss(log_probs, targets.pg_advantages)
         value_loss = baseline_loss(values[:time], targets.vs)
         # Subtracted: a policy with more entropy explores more.
-        entropy = summed_entropy(log_policies)
+        entropy = -divergence(log_policies, 0.0)
         loss = policy_loss + config.baseline_cost * value_loss - config.entropy_cost * entropy
 
         if unroll.remembered is not None:

@@ -37,26 +37,19 @@ def baseline_loss(values: Tensor, targets: Tensor) -> Tensor:
     return 0.5 * errors.square().sum()
 
 
-def entropy(log_policies: Tensor) -> Tensor:
-    """Return the summed entropy ``-Σ π log π`` in nats, for log-probabilities (N, A)."""
-    # An empty slot has log π = -inf and π = 0: the product would be NaN, and its limit is 0.
-    finite = log_policies.masked_fill(log_policies == -torch.inf, 0)
-    expected = log_policies.exp() * finite
-    return -expected.sum()
-
-
-def divergence(log_policies: Tensor, references: Tensor) -> Tensor:
+def divergence(log_policies: Tensor, references: Tensor | float) -> Tensor:
     """Return the summed divergence ``Σ π (log π - log ρ)`` in nats.
 
     Slots with probability 0 under π add 0. Where π is above 0, ρ must be, too.
 
     Args:
         log_policies: shape (N, A), nats: log π.
-        references: shape (N, A), nats: log ρ.
+        references: shape (N, A), nats: log ρ; 0 for the negative entropy of π.
 
     Returns:
         shape ().
     """
+    # An empty slot has log π = -inf and π = 0: the product would be NaN, and its limit is 0.
     differences = log_policies - references
     finite = differences.masked_fill(log_policies == -torch.inf, 0)
     expected = log_policies.exp() * finite

@@ -98,7 +98,6 @@ FILE_ONLY = {
         "--pair-size",
         "--pays-held-out",
         "--plan-width",
-        "--policy-lag",
         "--pooling",
         "--rms-decay",
         "--rms-epsilon",

@@ -105,13 +105,11 @@ def plain(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> Callab
         with torch.no_grad():
             bootstrap = policy(*observe())[1]
         log_rhos = chosen.detach() - torch.stack(log_probs)
-        targets = v_trace(
+        vs, pg_advantages = v_trace(
             log_rhos, torch.stack(discounts), torch.stack(rewards), values.detach(), bootstrap
         )
-        loss = policy_gradient_loss(chosen, targets.pg_advantages) + 0.01 * divergence(
-            log_policy, 0.0
-        )
-        loss = loss + 0.5 * baseline_loss(values, targets.vs)
+        loss = policy_gradient_loss(chosen, pg_advantages) + 0.01 * divergence(log_policy, 0.0)
+        loss = loss + 0.5 * baseline_loss(values, vs)
         optimizer.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(parameters, 40.0)

@@ -370,27 +370,24 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         # Step and seconds of the last line of metrics, for the speed since then.
         self._logged = (0, 0.0)
         if checkpoint is not None:
+            progress = checkpoint.progress
+            self.seconds = progress.seconds
+            self._begun -= progress.elapsed
             with run.restoring():
-                self._restore(checkpoint)
+                self.impala.restore(checkpoint.tensors)
+                if self.step != checkpoint.number:
+                    raise ValueError(f"the checkpoint has step {self.step:,}")
+                # Lines after the checkpoint will be written again.
+                if self.metrics.stat().st_size < progress.metrics_bytes:
+                    raise ValueError(f"{METRICS_FILE} is shorter than at the checkpoint")
+                os.truncate(self.metrics, progress.metrics_bytes)
+            self._logged = (self.step, self.seconds)
             run.resume(self.config)
 
     @classmethod
     def outcome(cls, files: RunFiles) -> TrainedAgent:  # noqa: D102 - inherited
         summary = read_summary(files)
         return TrainedAgent(files.folder, summary)
-
-    def _restore(self, checkpoint: Checkpoint[AgentProgress]) -> None:
-        self.impala.restore(checkpoint.tensors)
-        if self.step != checkpoint.number:
-            raise ValueError(f"the checkpoint has step {self.step:,}")
-        progress = checkpoint.progress
-        self.seconds = progress.seconds
-        self._begun -= progress.elapsed
-        # Lines after the checkpoint will be written again.
-        if self.metrics.stat().st_size < progress.metrics_bytes:
-            raise ValueError(f"{METRICS_FILE} is shorter than at the checkpoint")
-        os.truncate(self.metrics, progress.metrics_bytes)
-        self._logged = (self.step, self.seconds)
 
     def _in_updates(self, steps: int) -> int:
         """Return a number of environment steps as a number of updates, 1 or more."""
@@ -588,12 +585,10 @@ def evaluators(world: World, *, curve: bool = False) -> dict[TaskPart, Evaluator
     result = {}
     for part in EVALUATED:
         with suppress(TaskError):  # without held-out recipes, a graph has no test tasks
-            # The curve of test tasks is the one that is read closely.
-            distractor_seeds = 1 if curve and part == "train" else None
-            limit = CURVE_TASKS if curve else MOST_TASKS
             result[part] = Evaluator(
                 world.variant(part=part),
-                distractor_seeds=distractor_seeds,
-                limit=limit,
+                # The curve of test tasks is the one that is read closely.
+                distractor_seeds=1 if curve and part == "train" else None,
+                limit=CURVE_TASKS if curve else MOST_TASKS,
             )
     return result

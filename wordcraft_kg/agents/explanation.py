@@ -23,7 +23,7 @@ from wordcraft_kg.base import (
 from wordcraft_kg.envs.batch import GOAL, IN_PROGRESS, OUT_OF_ATTEMPTS, OUTCOMES
 from wordcraft_kg.envs.draws import EvaluationTables
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import Entity, Part, TaskSet
+from wordcraft_kg.graphs import Entity, Part, TaskSet, padded
 from wordcraft_kg.graphs.tasks import Rows
 from wordcraft_kg.models.policies.policy import (
     Policy,
@@ -452,17 +452,15 @@ class Explainer:
         steps: list[ExplainedStep] = []
         tried: list[list[int]] = []
         while attempts and not is_made and len(steps) != self._max_actions:
-            empty_slots = [nothing] * (room - len(table))
-            padded_picks = picks + [nothing] * (most_picks - len(picks))
-            # Without a tried pair, an empty one keeps the shape (1, n, 2).
-            tried_sets = tried or [[nothing] * most_picks]
+            selection = torch.from_numpy(padded([picks], nothing, most_picks))
+            tried_sets = torch.from_numpy(padded(tried, nothing, most_picks))
             # A batch of one state.
             state = States(
                 goal=torch.tensor([query.goal]),
-                selection=torch.tensor([padded_picks if world.has_combine else padded_picks[0]]),
-                table=torch.tensor([table + empty_slots]),
+                selection=selection if world.has_combine else selection[:, 0],
+                table=torch.from_numpy(padded([table], nothing, room)),
                 task=task,
-                attempts=Attempts(torch.tensor([attempts]), torch.tensor([tried_sets])),
+                attempts=Attempts(torch.tensor([attempts]), tried_sets[None]),
             )
             action, output = self._decide(query.policy, state)
             evidence = self._evidence(query.policy, state)
@@ -476,20 +474,19 @@ class Explainer:
                 picks.append(table[action])
             if action >= len(table) or len(picks) == most_picks:
                 results = world.outcomes.get(tuple(sorted(picks)), ())
-                tried.append(picks + [nothing] * (most_picks - len(picks)))
+                tried.append(picks)
                 made_ids = [result for result in results if result not in table]
                 table += made_ids
                 is_made = query.goal in results
                 attempts -= 1
                 picks = []
-            lambdas: dict[str, float] = {}
-            if output.lambdas is not None:
-                lambdas = dict(zip(self._names, output.lambdas[0].tolist(), strict=True))
+            # Without mixing, there are neither names nor weights.
+            lambdas = [] if output.lambdas is None else output.lambdas[0].tolist()
             steps.append(
                 ExplainedStep(
                     selection=selected,
                     value=float(output.value[0]),
-                    lambdas=lambdas,
+                    lambdas=dict(zip(self._names, lambdas, strict=True)),
                     action=labels[action],
                     made=graph.labels(made_ids),
                     slots=slots,
@@ -513,10 +510,8 @@ class Explainer:
                     continue
                 # A plan's first attempt need not make the goal: evidence is for its own result.
                 expected = evidence.plan[0][2] if evidence.plan else int(state.goal)
-                outside: tuple[OutsideEvidence, ...] = ()
-                if self._outside:
-                    entity = int(state.table[0, slot])
-                    outside = self._outside.of_recipe(entity, evidence.partner, expected)
+                pair = int(state.table[0, slot]), evidence.partner
+                outside = self._outside.of_recipe(*pair, expected) if self._outside else ()
                 plan = [
                     ExpectedAttempt(entities[a], entities[b], entities[product], probability)
                     for a, b, product, probability in evidence.plan

@@ -450,15 +450,15 @@ class Impala:
 
         # Targets are constants for the gradient.
         log_rhos = log_probs.detach() - unroll.log_probs
-        targets = v_trace(
+        vs, pg_advantages = v_trace(
             log_rhos,
             unroll.discounts,
             unroll.rewards,
             values[:time].detach(),
             bootstrap,
         )
-        policy_loss = policy_gradient_loss(log_probs, targets.pg_advantages)
-        value_loss = baseline_loss(values[:time], targets.vs)
+        policy_loss = policy_gradient_loss(log_probs, pg_advantages)
+        value_loss = baseline_loss(values[:time], vs)
         # Subtracted: a policy with more entropy explores more.
         entropy = -divergence(log_policies, 0.0)
         loss = policy_loss + config.baseline_cost * value_loss - config.entropy_cost * entropy

@@ -3,8 +3,6 @@
 Losses are sums over time and batch, not means: the paper's learning rate and costs belong to sums.
 """
 
-from typing import NamedTuple
-
 import torch
 from torch import Tensor
 
@@ -76,18 +74,6 @@ def memory_loss(log_policies: Tensor, remembered: Tensor) -> Tensor:
     return -torch.logsumexp(target_log_probs, dim=0).masked_fill(~has_any, 0).sum()
 
 
-class VTrace(NamedTuple):
-    """Targets for a batch of unrolls, without gradients.
-
-    Attributes:
-        vs: shape (T, B): targets for state values.
-        pg_advantages: shape (T, B): advantages for the policy gradient.
-    """
-
-    vs: Tensor
-    pg_advantages: Tensor
-
-
 @torch.no_grad()
 def v_trace(
     log_rhos: Tensor,
@@ -99,7 +85,7 @@ def v_trace(
     clip_rho: float = 1.0,
     clip_c: float = 1.0,
     clip_pg_rho: float = 1.0,
-) -> VTrace:
+) -> tuple[Tensor, Tensor]:
     """Correct returns for the difference between the acting policy (μ) and the learning policy (π).
 
     With ``ρ_t = min(ρ̄, π/μ)`` and ``c_t = min(c̄, π/μ)``:
@@ -118,7 +104,8 @@ def v_trace(
         clip_pg_rho: ρ̄_pg, for the policy gradient.
 
     Returns:
-        Value targets and advantages.
+        Without gradients, shape (T, B) each: targets for state values (vs), and advantages for the
+        policy gradient.
 
     Source: Espeholt et al. 2018, "IMPALA", equations 1 and 2 and section 4.2.
     """
@@ -137,7 +124,7 @@ def v_trace(
     # The policy gradient uses vs, not V, of the next state: a better estimate of its return.
     next_vs = torch.cat([vs[1:], bootstrap_value[None]])
     pg_advantages = rhos.clamp(max=clip_pg_rho) * (rewards + discounts * next_vs - values)
-    return VTrace(vs, pg_advantages)
+    return vs, pg_advantages
 
 
 class Successes:

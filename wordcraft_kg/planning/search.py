@@ -24,7 +24,6 @@ candidates would be on.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -101,21 +100,6 @@ _CERTAIN = -1e-6
 """Log-probabilities above this one are those of known recipes."""
 _BYTES = 200
 """Bytes for each recipe of a state, about, while it is scored."""
-
-
-class _Plans(NamedTuple):
-    """Plans from B tables with A slots: log-probabilities of their steps.
-
-    Attributes:
-        candidates: shape (B, W), int64: intermediates x; E where there are fewer.
-        to_goal: shape (B, S, S): a pair makes the goal.
-        to_candidates: shape (B, W, S, S), or (B, W, A, A) for two attempts: a pair makes x; -inf
-            where a candidate is missing, and for pairs without a score.
-    """
-
-    candidates: Tensor
-    to_goal: Tensor
-    to_candidates: Tensor
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,12 +207,11 @@ class PlanSearch:
                 "reused": is_reused,
             }
         else:
-            plans = self._plans(goal, table, model, number, tried)
-            value = self._values_of(plans, slots, number, tried).amax(1)
-            after = _after_candidates(plans.to_goal, plans.to_candidates, slots, number)
+            _, to_goal, to_candidates = self._plans(goal, table, model, number, tried)
+            value = self._values_of(to_goal, to_candidates, slots, number, tried).amax(1)
             features |= {
                 "value": value.clamp(min=NO_PLAN),
-                **_features_of_plans(plans, after, slots, number),
+                **_features_of_plans(to_goal, to_candidates, slots, number),
             }
         zeros = torch.zeros_like(itself)
         return torch.stack([features.get(name, zeros) for name in FEATURES], dim=-1)
@@ -367,27 +350,28 @@ class PlanSearch:
             to_goal = self._log_probabilities(goal, table, model, tried)
             reuse_bonus = _uses_again(tried, to_goal) * self.reused
             return (to_goal + reuse_bonus)[:, None], goal[:, None]
-        plans = self._plans(goal, table, model, number, tried)
-        results = torch.cat([goal[:, None], plans.candidates], dim=1)
-        return self._values_of(plans, slots, number, tried), results
+        candidates, *plans = self._plans(goal, table, model, number, tried)
+        results = torch.cat([goal[:, None], candidates], dim=1)
+        return self._values_of(*plans, slots, number, tried), results
 
     def _values_of(
         self,
-        plans: _Plans,
+        to_goal: Tensor,
+        to_candidates: Tensor,
         slots: int,
         number: int,
         tried: Tensor,
     ) -> Tensor:
         """Return :meth:`_values` of two attempts or more, shape (B, 1 + W, A, A)."""
-        at_once = plans.to_goal[:, None, :slots, :slots]
-        first = plans.to_candidates[:, :, :slots, :slots]
+        at_once = to_goal[:, None, :slots, :slots]
+        first = to_candidates[:, :, :slots, :slots]
         if number == 2:
             # After failures, plans for the rest of the attempts may have any form.
             is_first = (~tried.flatten(1).any(1)).float()
             at_once = at_once + self.at_once * is_first[:, None, None, None]
-            after = self._second_attempt(plans.to_goal, slots, is_first[:, None])
+            after = self._second_attempt(to_goal, slots, is_first[:, None])
         else:
-            candidate_values = _after_candidates(plans.to_goal, plans.to_candidates, slots, number)
+            candidate_values = _after_candidates(to_goal, to_candidates, slots, number)
             after = candidate_values[:, :, None, None]
         return torch.cat([at_once, first + after - FURTHER], dim=1)
 
@@ -427,8 +411,15 @@ class PlanSearch:
         model: Tensor,
         number: int,
         tried: Tensor,
-    ) -> _Plans:
-        """Score the steps of all plans of two attempts or more; arguments of :meth:`_values`."""
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Score the steps of all plans of two attempts or more; arguments of :meth:`_values`.
+
+        Returns:
+            The candidates x, shape (B, W), int64, E where there are fewer; and log-probabilities:
+            a pair makes the goal, shape (B, S, S), and a pair makes x, shape (B, W, S, S), or
+            (B, W, A, A) for two attempts; -inf where a candidate is missing, and for pairs without
+            a score.
+        """
         slots = table.shape[1]
         candidates = self.knowledge.intermediates(
             goal,
@@ -459,7 +450,7 @@ class PlanSearch:
         to_candidates = to_candidates.view(num_states, width, *to_candidates.shape[1:])
         is_missing = candidates == self.knowledge.num_entities
         to_candidates = to_candidates.masked_fill(is_missing[:, :, None, None], -torch.inf)
-        return _Plans(candidates, to_goal, to_candidates)
+        return candidates, to_goal, to_candidates
 
     def _log_probabilities(
         self,
@@ -524,21 +515,23 @@ def _uses_again(tried: Tensor, to_goal: Tensor) -> Tensor:
     return (was_used[:, :, None] | was_used[:, None]).float()
 
 
-def _features_of_plans(plans: _Plans, after: Tensor, slots: int, number: int) -> dict[str, Tensor]:
+def _features_of_plans(
+    to_goal: Tensor, to_candidates: Tensor, slots: int, number: int
+) -> dict[str, Tensor]:
     """Return the features of pairs that depend on their plans, shape (B, A, A) each.
 
     Args:
-        plans: the steps of all plans.
-        after: log-probability of the best plan after making each candidate, shape (B, W).
+        to_goal: as :meth:`PlanSearch._plans` returns it.
+        to_candidates: likewise.
         slots: A.
         number: attempts left, 2 or more.
     """
-    goal = plans.to_goal[:, :slots, :slots]
-    first = plans.to_candidates[:, :, :slots, :slots]
-    last_step = after
+    goal = to_goal[:, :slots, :slots]
+    first = to_candidates[:, :, :slots, :slots]
+    last_step = _after_candidates(to_goal, to_candidates, slots, number)
     if number == 2:
         # Only plans that use x: without it, the first attempt would be wasted.
-        last = plans.to_goal[:, slots:]
+        last = to_goal[:, slots:]
         table_values, partner = last[:, :, :slots].max(2)
         with_itself = last[:, :, slots:].diagonal(dim1=1, dim2=2)
         last_step = torch.maximum(table_values, with_itself)

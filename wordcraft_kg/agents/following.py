@@ -5,13 +5,13 @@ comes from, and made again when the stamp changes.
 """
 
 import threading
-from collections.abc import Callable, Hashable
+from collections.abc import Hashable
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar, cast
 
 from wordcraft_kg.agents.agent_folder import (
     AGENTS,
+    METRICS_FILE,
     AgentRun,
     OpenedAgent,
     open_agent,
@@ -21,13 +21,13 @@ from wordcraft_kg.agents.agent_records import EPISODES_FILE, PlayedTask, read_ep
 from wordcraft_kg.agents.explanation import Explainer
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import OpenedGraph, TaskPart
+from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.record import RUN_FILE
 
 EXPLAINERS = 8
 """Maximum number of cached explainers, one per agent and world; each copies the policy."""
 MAX_ACTIONS = 20
 """Maximum number of explained actions per episode; an episode may have 2,000."""
-T = TypeVar("T")
 
 
 class FollowedRun:
@@ -50,7 +50,14 @@ class FollowedRun:
         self.folder = folder
         self.opened = opened
         self._lock = threading.RLock()
-        self._kept: dict[str, tuple[Hashable, Any]] = {}
+        # Each keeps what was made last, as long as its stamp is the same.
+        self._records = lru_cache(1)(lambda *stamp: read_agent_run(folder))
+        self._agent = lru_cache(1)(lambda *stamp: open_agent(folder, opened))
+        self._episodes = lru_cache(1)(
+            lambda *stamp: {
+                (task.part, task.goal, task.start): task for task in read_episodes(folder)
+            }
+        )
         self._explainer = lru_cache(EXPLAINERS)(_explainer)
 
     def records(self) -> AgentRun:
@@ -59,11 +66,9 @@ class FollowedRun:
         Raises:
             ArtefactError: if the run does not exist or a file is damaged.
         """
-        stamp = (
-            *self._stamp(RUN_FILE, "config.toml", "metrics.jsonl"),
-            *AGENTS.checkpoints(self.folder).records(),
-        )
-        return self._once("records", stamp, lambda: read_agent_run(self.folder))
+        files = self._stamp(RUN_FILE, CONFIG_FILE, METRICS_FILE)
+        with self._lock:
+            return self._records(*files, *AGENTS.checkpoints(self.folder).records())
 
     def agent(self) -> OpenedAgent:
         """Return the agent with the latest weights.
@@ -73,8 +78,8 @@ class FollowedRun:
             GraphMismatchError: if the graph or split differs from training.
         """
         # Weights change with a checkpoint, or with the record at the end of training.
-        stamp = (*self._stamp(RUN_FILE), *AGENTS.checkpoints(self.folder).records())
-        return self._once("agent", stamp, lambda: open_agent(self.folder, self.opened))
+        with self._lock:
+            return self._agent(*self._stamp(RUN_FILE), *AGENTS.checkpoints(self.folder).records())
 
     def explainer(self, world: World) -> Explainer:
         """Return an explainer for the latest weights, for :data:`MAX_ACTIONS` of an episode.
@@ -97,13 +102,8 @@ class FollowedRun:
         """
         if self.records().evaluation is None:
             return {}
-        return self._once(
-            "episodes",
-            self._stamp(EPISODES_FILE),
-            lambda: {
-                (task.part, task.goal, task.start): task for task in read_episodes(self.folder)
-            },
-        )
+        with self._lock:
+            return self._episodes(*self._stamp(EPISODES_FILE))
 
     def _stamp(self, *names: str) -> tuple[Hashable, ...]:
         """Return a value that changes when one of some files does; a missing file counts, too."""
@@ -116,18 +116,6 @@ class FollowedRun:
             else:
                 stamps.append((status.st_mtime_ns, status.st_size))
         return tuple(stamps)
-
-    def _once(
-        self,
-        name: str,
-        stamp: Hashable,
-        make: Callable[[], T],
-    ) -> T:
-        """Return what was kept under a name, or make it again if the stamp has changed."""
-        with self._lock:
-            if name not in self._kept or self._kept[name][0] != stamp:
-                self._kept[name] = (stamp, make())
-            return cast(T, self._kept[name][1])
 
 
 def _explainer(agent: OpenedAgent, world: World) -> Explainer:

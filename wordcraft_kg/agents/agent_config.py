@@ -270,14 +270,8 @@ class ImpalaConfig:
 
     @property
     def unroll_steps(self) -> int:
-        """Steps per environment and update.
-
-        Raises:
-            ConfigError: if ``unroll`` is left to the tasks, see :meth:`for_episodes`.
-        """
-        if self.unroll is None:
-            raise ConfigError("`unroll` depends on the tasks: call `for_episodes`, or set it.")
-        return self.unroll
+        """Steps per environment and update; those of one attempt while they are open."""
+        return self.unroll or 2
 
     @property
     def first_rate(self) -> float:
@@ -291,20 +285,12 @@ class ImpalaConfig:
 
     @property
     def steps_per_update(self) -> int:
-        """Environment steps per update, in all environments together.
-
-        Raises:
-            ConfigError: if ``unroll`` is left to the tasks, see :meth:`for_episodes`.
-        """
+        """Environment steps per update, in all environments together."""
         return self.num_envs * self.unroll_steps
 
     @property
     def updates(self) -> int:
-        """Number of updates in the whole training.
-
-        Raises:
-            ConfigError: if ``unroll`` is left to the tasks, see :meth:`for_episodes`.
-        """
+        """Number of updates in the whole training."""
         # Rounded up, by whole numbers, which are exact at any size.
         return (self.steps + self.steps_per_update - 1) // self.steps_per_update
 

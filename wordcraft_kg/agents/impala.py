@@ -120,9 +120,6 @@ class Impala:
         policy.to(self.device)
         self.update_number = 0
         self._scorer_cost = self._weight_of_scorer_cost()
-        self._parameters = [
-            parameter for parameter in policy.parameters() if parameter.requires_grad
-        ]
         self._flat, self._gradient = self._flattened()
         self.optimizer = torch.optim.RMSprop(
             [self._flat],
@@ -170,14 +167,15 @@ class Impala:
 
         So an optimiser step, a gradient norm and a check for NaN take a few calls, not hundreds.
         """
-        pieces = [parameter.detach().reshape(-1) for parameter in self._parameters]
+        parameters = [part for part in self.policy.parameters() if part.requires_grad]
+        pieces = [parameter.detach().reshape(-1) for parameter in parameters]
         flat = nn.Parameter(torch.cat(pieces))
         flat_gradient = torch.zeros_like(flat)
         flat.grad = flat_gradient
         sizes = [len(piece) for piece in pieces]
         values = flat.data.split(sizes)
         gradients = flat_gradient.split(sizes)
-        for parameter, value, gradient in zip(self._parameters, values, gradients, strict=True):
+        for parameter, value, gradient in zip(parameters, values, gradients, strict=True):
             parameter.data = value.view_as(parameter)
             # `backward` adds to an existing gradient in place, and so writes into the flat tensor.
             parameter.grad = gradient.view_as(parameter)
@@ -212,8 +210,7 @@ class Impala:
 
         # The learning rate decays linearly to 0 at the end of training.
         remaining = max(0, 1 - self.update_number / self.config.updates)
-        for group in self.optimizer.param_groups:
-            group["lr"] = self.config.first_rate * remaining
+        self.optimizer.param_groups[0]["lr"] = self.config.first_rate * remaining
         self.optimizer.step()
         self.update_number += 1
 

@@ -486,7 +486,7 @@ class Explainer:
                 ExplainedStep(
                     selection=selected,
                     value=float(output.value[0]),
-                    lambdas=dict(zip(self._names, lambdas, strict=True)),
+                    lambdas=dict(zip(self._names, lambdas, strict=False)),
                     action=labels[action],
                     made=graph.labels(made_ids),
                     slots=slots,

@@ -350,9 +350,9 @@ class PlanSearch:
             to_goal = self._log_probabilities(goal, table, model, tried)
             reuse_bonus = _uses_again(tried, to_goal) * self.reused
             return (to_goal + reuse_bonus)[:, None], goal[:, None]
-        candidates, *plans = self._plans(goal, table, model, number, tried)
+        candidates, to_goal, to_candidates = self._plans(goal, table, model, number, tried)
         results = torch.cat([goal[:, None], candidates], dim=1)
-        return self._values_of(*plans, slots, number, tried), results
+        return self._values_of(to_goal, to_candidates, slots, number, tried), results
 
     def _values_of(
         self,

@@ -105,8 +105,7 @@ class Impala:
         Raises:
             ConfigError: if ``config.unroll`` ends within an attempt and the policy chooses pairs.
         """
-        tasks = envs.world.config
-        config = config.for_episodes(2 * (tasks.max_attempts or tasks.depth))
+        config = config.for_episodes(2 * envs.world.config.attempts)
         self._time, remainder = divmod(config.unroll_steps, policy.steps_per_choice)
         if remainder:
             raise ConfigError(

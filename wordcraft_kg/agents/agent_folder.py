@@ -116,7 +116,7 @@ class OpenedAgent(AgentRun):
         if self.config.scorer is None:
             return None
         with suppress(WordCraftKGError):
-            history = read_history(self.config.scorer, self.run.inputs["scorer"])
+            history = read_history(self.config.scorer, self.run.inputs.get("scorer", ""))
             return None if history is None else history.made_by_other_books
         return None
 
@@ -130,7 +130,7 @@ class OpenedAgent(AgentRun):
         if self.config.scorer is not None:
             with suppress(WordCraftKGError):
                 model = open_model(self.config.scorer, self.opened.source)
-                if model.run.outputs[WEIGHTS] == self.run.inputs["scorer"]:
+                if model.run.outputs[WEIGHTS] == self.run.inputs.get("scorer"):
                     return model.train_sample.is_trained_on & ~model.train_sample.is_wrong
         return self.opened.train_sample(self.run.kg or "none").is_trained_on
 

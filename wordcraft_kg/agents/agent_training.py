@@ -254,9 +254,11 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             if folds is not None and not config.policy.in_sample:
                 self.facts["cross_fitted"] = folds.count
             elif model.kg == "partial":
+                is_set = config.policy.in_sample
                 logging.getLogger(__name__).warning(
-                    "scores for train tasks are in-sample, and the agent learns to trust the "
-                    "scorer too much. Train a scorer with `folds` 5, without `in_sample`."
+                    "%s, so scores for train tasks are in-sample, and the agent learns to trust "
+                    "the scorer too much. Use a scorer with `folds` 5, and no `in_sample`.",
+                    "`in_sample` is set" if is_set else "the scorer has no folds",
                 )
             _warn_of_self_pairs(self.opened.graph, config)
         self.policy, features = make_policy(

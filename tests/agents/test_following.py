@@ -46,9 +46,11 @@ def interrupted(tmp_path, made_once):
         if done == 240:
             signal.raise_signal(signal.SIGINT)
 
-    made = made_once(
-        "kitchen-agent-interrupted", lambda out: train_agent(CONFIG, out, progress=stop)
-    )
+    def make(out):
+        with pytest.raises(KeyboardInterrupt):
+            train_agent(CONFIG, out, progress=stop)
+
+    made = made_once("kitchen-agent-interrupted", make)
     return shutil.copytree(made, tmp_path / "run")
 
 

@@ -67,7 +67,6 @@ LIMITS = {
     ImpalaConfig: {
         "unroll": MAX_SIZE,
         "batch_size": MAX_SIZE,
-        "policy_lag": MAX_SIZE,
         "threads": 1_024,
     },
 }

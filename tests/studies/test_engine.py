@@ -72,7 +72,8 @@ def interrupted(task, done, root):
     shutil.rmtree(folder := task.folder(root))
     graph, *scorer = (str(root / address) for address in task.needs)
     config = agent_config(task.settings["settings"], graph, scorer[0] if scorer else None)
-    train_agent(config, folder, progress=lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    with pytest.raises(KeyboardInterrupt):
+        train_agent(config, folder, progress=lambda *_: os.kill(os.getpid(), signal.SIGINT))
     assert record(folder)["status"] == "interrupted"
     return folder
 

@@ -35,7 +35,6 @@ _WHOLE_NUMBERS: Mapping[str, tuple[int, int | None]] = {
     "steps": (1, None),
     "batch_size": (1, MAX_SIZE),
     "unroll": (1, MAX_SIZE),
-    "policy_lag": (0, MAX_SIZE),
     "tables": (0, MAX_SIZE),
     "seed": (0, None),
     "threads": (1, MAX_THREADS),
@@ -170,8 +169,6 @@ class ImpalaConfig:
             with several attempts; 128 in the paper.
         unroll: steps per environment and update. Default: an episode's actions (two for each
             attempt); 2 in the paper.
-        policy_lag: delay between acting and learning policy, in updates; 0 makes all importance
-            ratios 1.
         discount: γ; 0.99 in the paper.
         learning_rate: initial RMSProp learning rate, decayed linearly to 0. Default: 0.008, or
             0.005 with several attempts; 0.001 in the paper.
@@ -213,7 +210,6 @@ class ImpalaConfig:
     steps: int = 3_000_000
     batch_size: int | None = None
     unroll: int | None = None
-    policy_lag: int = 0
     discount: float = 0.99
     learning_rate: float | None = None
     rms_decay: float = 0.99
@@ -274,14 +270,8 @@ class ImpalaConfig:
 
     @property
     def unroll_steps(self) -> int:
-        """Steps per environment and update.
-
-        Raises:
-            ConfigError: if ``unroll`` is left to the tasks, see :meth:`for_episodes`.
-        """
-        if self.unroll is None:
-            raise ConfigError("`unroll` depends on the tasks: call `for_episodes`, or set it.")
-        return self.unroll
+        """Steps per environment and update; those of one attempt while they are open."""
+        return self.unroll or 2
 
     @property
     def first_rate(self) -> float:
@@ -295,20 +285,12 @@ class ImpalaConfig:
 
     @property
     def steps_per_update(self) -> int:
-        """Environment steps per update, in all environments together.
-
-        Raises:
-            ConfigError: if ``unroll`` is left to the tasks, see :meth:`for_episodes`.
-        """
+        """Environment steps per update, in all environments together."""
         return self.num_envs * self.unroll_steps
 
     @property
     def updates(self) -> int:
-        """Number of updates in the whole training.
-
-        Raises:
-            ConfigError: if ``unroll`` is left to the tasks, see :meth:`for_episodes`.
-        """
+        """Number of updates in the whole training."""
         # Rounded up, by whole numbers, which are exact at any size.
         return (self.steps + self.steps_per_update - 1) // self.steps_per_update
 

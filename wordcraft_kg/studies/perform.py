@@ -114,8 +114,8 @@ def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
         _check_content(task)
         if task.kind == "scorers":
             _scorer(task, root)
-        elif not _run(task, root, keep_all):
-            return Outcome(task.address, "interrupted")
+        else:
+            _run(task, root, keep_all)
     except KeyboardInterrupt:
         return Outcome(task.address, "interrupted")
     except (ArtefactError, OutputExistsError) as error:
@@ -141,27 +141,26 @@ def _check_content(task: Task) -> None:
         )
 
 
-def _run(task: Task, root: Path, keep_all: bool) -> bool:
+def _run(task: Task, root: Path, keep_all: bool) -> None:
     from wordcraft_kg.agents.agent_training import AgentTraining
 
     if PLAYER in task.settings["settings"]:
-        return _play(task, root)
+        _play(task, root)
+        return
     folder = task.folder(root)
     inputs = [str(root / address) for address in task.needs]
     graph = inputs[0]
     scorer = inputs[1] if len(inputs) > 1 else None
     config = agent_config(task.settings["settings"], graph, scorer)
-    if train(AgentTraining, config, folder, keep=True).interrupted:
-        return False
+    train(AgentTraining, config, folder, keep=True)
     # Results are written before files go: a kill in between leaves a task that is done.
     write_metrics(folder, _run_metrics(folder, open_graph(graph), task.device))
     if not keep_all:
         for name in _LARGE:
             (folder / name).unlink()
-    return True
 
 
-def _play(task: Task, root: Path) -> bool:
+def _play(task: Task, root: Path) -> None:
     """Let a player without training play the test tasks, and write its results."""
     from wordcraft_kg.agents import players
     from wordcraft_kg.agents.agent_config import TaskConfig
@@ -204,7 +203,6 @@ def _play(task: Task, root: Path) -> bool:
     folder = task.folder(root)
     folder.mkdir(parents=True, exist_ok=True)
     write_metrics(folder, figures)
-    return True
 
 
 def _run_metrics(folder: Path, opened: OpenedGraph, device: str) -> RunMetrics:

@@ -80,7 +80,7 @@ def test_tasks_are_shown_without_any_agent(kitchen_folder):
 def test_an_episode_is_what_the_agent_explains(agents, run):
     agent = open_agent(agents.runs[run], agents.opened)
     world = World(agents.opened, agent.config.tasks.environment("train"))
-    explainer = Explainer(agent.policy, world, kg=agent.run.kg or "partial")
+    explainer = Explainer(agent.policy, world, trained_on=agent.trained_on)
     state = EpisodeState(run=run, part="train", task=11, distractor_seed=2)
     first = view_of(agents, state).agents[0].explained
     assert first == explainer.task(11, 2)

@@ -609,7 +609,7 @@ TEXTS = [
     ),
     (
         lambda: export_graph(wk.open_graph("kitchen"), "owl", Path("graph.owl")),
-        "ConfigError: `format` 'owl': expected one of tsv, graphml, nt, parquet, csv, json, hif, sentences.",
+        "ConfigError: `format` 'owl': expected one of tsv, graphml, parquet, csv, json, hif, sentences.",
     ),
     (
         lambda: WordCraftEnv("kitchen", distractors=2),

@@ -7,8 +7,6 @@ import sqlite3
 import zipfile
 from dataclasses import dataclass, field
 
-from wordcraft_kg.graphs import open_book
-
 ROWS = (
     ("water", "earth", "mud"),
     ("mud", "fire", "brick"),
@@ -73,11 +71,6 @@ def by_result(rows=ROWS):
 
 def wide(rows=ROWS, columns=4):
     return "".join(",".join(row) + "," * (columns - len(row)) + "\n" for row in rows)
-
-
-def many_rows():
-    """A whole book, in which a pair seldom makes two things."""
-    return tuple(map(tuple, open_book("kitchen").recipes))
 
 
 def database():
@@ -172,7 +165,6 @@ def _shapes():
         }
         for i, (*parts, made) in enumerate(MANY)
     }
-    ids = {name: i for i, name in enumerate(NAMES, 1)}
     return [
         of("commas", "b.csv", table()),
         of("quoted", "b.csv", table(quote='"')),
@@ -209,13 +201,7 @@ def _shapes():
             ",ingredient1,ingredient2,result\n"
             + "".join(f"{i},{a},{b},{c}\n" for i, (a, b, c) in enumerate(ROWS)),
         ),
-        of("no header", "b.csv", table(many_rows(), None), many_rows()),
-        of(
-            "no header, result first",
-            "b.csv",
-            table(many_rows(), None, order=(2, 1, 0)),
-            many_rows(),
-        ),
+        of("no header", "b.csv", table(header=None), columns=["1", "2", "3"]),
         of("UTF-16", "b.csv", table(delimiter="\t").encode("utf-16")),
         of("BOM and CRLF", "b.csv", ("\ufeff" + table(end="\r\n")).encode()),
         of("cp1252", "b.csv", table(accents).encode("cp1252"), accents, encoding="cp1252"),
@@ -263,27 +249,13 @@ def _shapes():
                 }
             ),
         ),
-        of(
-            "recipes by id",
-            "b.json",
-            _json(
-                [
-                    {
-                        "id": ids[n],
-                        "name": n,
-                        "recipes": [[ids[p] for p in pair] for pair in by_result().get(n, [])],
-                    }
-                    for n in NAMES
-                ]
-            ),
-        ),
         of("two keys", "b.json", _json(nested)),
         of(
             "objects like rows",
             "b.json",
             _json([{"ingredient1": a, "ingredient2": b, "result": c} for a, b, c in ROWS]),
         ),
-        of("list of lists", "b.json", _json(many_rows()), many_rows()),
+        of("list of lists", "b.json", _json(ROWS), columns=["[][0]", "[][1]", "[][2]"]),
         of(
             "JSON lines",
             "b.jsonl",
@@ -372,10 +344,10 @@ def _shapes():
             says=r"'\[\]\.effects'",
         ),
         of(
-            "no header, few rows",
+            "no header, no columns",
             "b.csv",
             table(header=None),
-            says="water . earth = mud .--columns '1,2,3'.",
+            says="'water', 'earth', 'mud'. Name the ingredients .* by numbers",
         ),
         of("labels only", "b.txt", "water\nearth\nfire\n", says="1 column"),
         of(

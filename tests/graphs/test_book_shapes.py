@@ -272,7 +272,7 @@ REFUSED = {
         "b.csv",
         "line 9: a byte order mark in the middle",
     ),
-    "header in the middle": (table() + table(), "b.csv", "line 9: the header is repeated"),
+    "header in the middle": (table() + table(), "b.csv", "line 9: .* names the columns again"),
     "ten million characters": (
         lambda: table() + f"a,b,{'x' * 10_000_000}\n",
         "b.csv",
@@ -291,7 +291,7 @@ REFUSED = {
     "row like a comment": (
         "#a:b,coal,torch\nstick,coal,torch\n",
         "b.csv",
-        "no key or column is a documented word",
+        "no documented words name ingredients",
     ),
     "no table": ("water + earth > mud\n", "b.txt", "no table, because commas give 1 column"),
     "damaged zip": (zipped({"b.csv": table()})[:60], "b.zip", "is damaged"),
@@ -314,7 +314,7 @@ REFUSED = {
     "two delimiters": (
         "a;b,c;d,e;f\na;b,x;d,y;f\n",
         "b.csv",
-        r"two delimiters fit: \['a;b', 'x;d', 'y;f'\] \(commas\) or",
+        "the file has 'a;b', 'c;d', 'e;f'",
     ),
     "sums on both sides": ("a + b = c\nd = e + f\n", "b.txt", "line 2 has a sum behind its sign"),
 }
@@ -343,7 +343,7 @@ def test_html_entities_and_text_from_right_to_left_are_kept_and_named(put):
 
 def test_options_name_what_a_guess_cannot_know(put):
     path = put("x,y,z\n" + table(header=None))
-    with pytest.raises(RecipeFileError, match="--columns 'x,y,z'"):
+    with pytest.raises(RecipeFileError, match="the file has 'x', 'y', 'z'"):
         read_book(path)
     expected = RecipeGraph.from_recipes(ROWS).hash
     named = read_book(path, columns=["x", "y", "z"])

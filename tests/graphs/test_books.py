@@ -208,10 +208,11 @@ def test_a_failed_download_says_how_to_place_the_file_by_hand(home, published, s
     assert not cache_folder().exists()
 
 
-def test_a_download_is_bounded_in_size(home, published, server, monkeypatch):
+@pytest.mark.parametrize("bound", ["_MAX_BYTES", "_LONGEST"])
+def test_a_download_is_bounded_in_size_and_time(home, published, server, monkeypatch, bound):
     server(PUBLISHED)
-    monkeypatch.setattr(library, "_MAX_BYTES", 9)
-    with pytest.raises(FetchError, match="not kept"):
+    monkeypatch.setattr(library, bound, 1 if bound == "_MAX_BYTES" else -1)
+    with pytest.raises(FetchError, match=r"could not download .* bytes or"):
         fetch_book(NAME)
 
 

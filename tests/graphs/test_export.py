@@ -1,11 +1,8 @@
 import csv
 import json
-import re
 from pathlib import Path
 from typing import get_args
-from urllib.parse import unquote
 
-import graph_oracles as oracles
 import networkx as nx
 import pandas as pd
 import pytest
@@ -15,7 +12,7 @@ from wordcraft_kg import RecipeGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.base.errors import OutputExistsError
 from wordcraft_kg.cli.graphs import Format
 from wordcraft_kg.graphs import RELATIONS, OpenedGraph, Recipe, RecipeBook, read_book
-from wordcraft_kg.graphs.export import EXPORTERS, NAMESPACE, export_graph, triples_frame
+from wordcraft_kg.graphs.export import EXPORTERS, export_graph, triples_frame
 from wordcraft_kg.graphs.graph_folder import entities_frame
 
 AWKWARD = [
@@ -182,37 +179,3 @@ def test_an_export_that_cannot_be_is_refused(kitchen, tmp_path, monkeypatch, set
     with refuses(setting):
         export_graph(opened(kitchen), format, tmp_path / "out", part=part)
     assert not list(tmp_path.iterdir())
-
-
-def test_rdf_holds_the_triples_and_labels(source, tmp_path):
-    rdflib = pytest.importorskip("rdflib")
-    store = rdflib.Graph().parse(exported(source, "nt", tmp_path), format="nt")
-    entity, relation = f"{NAMESPACE}entity:", f"{NAMESPACE}relation:"
-    found = {
-        (
-            unquote(head.removeprefix(entity)),
-            predicate.removeprefix(relation),
-            unquote(tail.removeprefix(entity)),
-        )
-        for head, predicate, tail in (map(str, triple) for triple in store)
-        if predicate.startswith(relation)
-    }
-    assert found == oracles.triples(source.graph.recipe_labels())
-    labels = {str(label) for label in store.objects(predicate=rdflib.RDFS.label)}
-    assert labels == set(source.graph.entities)
-    made = {}
-    for recipe, predicate, thing in store:
-        if str(predicate).startswith(f"{NAMESPACE}role:"):
-            roles = made.setdefault(str(recipe), ([], []))
-            roles[str(predicate).endswith("result")].append(
-                unquote(str(thing).removeprefix(entity))
-            )
-    # The name of a recipe says how often an ingredient is needed, and its roles that it is.
-    recipes = []
-    for name, (parts, results) in made.items():
-        recipe = Recipe.of(*map(unquote, re.split(r"[+=]", name.rpartition(":")[2])))
-        assert (sorted(set(recipe.ingredients)), [recipe.result]) == (sorted(parts), results)
-        recipes.append(recipe)
-    assert sorted(recipes) == sorted(source.graph.recipe_labels())
-    roles = sum(len(parts) + 1 for parts, _ in made.values())
-    assert len(store) == len(found) + len(labels) + roles + len(recipes)

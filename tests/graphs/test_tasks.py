@@ -121,11 +121,11 @@ def test_ways_are_the_same_if_too_much_is_within_reach_to_look_up(kitchen, monke
     start = frozenset(kitchen.base_ids.tolist())
     goals = range(kitchen.num_entities)
     search = SolutionSearch(kitchen)
-    expected = [search.ways(goal, start, 4) for goal in goals]
+    expected = [search.shortest_ways(goal, start, 4) for goal in goals]
     assert any(len(way) == 4 for ways in expected for way in ways)
     for most in (0, len(start)):
         monkeypatch.setattr(tasks, "_MOST_NEAR", most)
-        assert [search.ways(goal, start, 4) for goal in goals] == expected
+        assert [search.shortest_ways(goal, start, 4) for goal in goals] == expected
 
 
 def test_ways_are_also_longer_than_the_shortest_but_never_go_in_circles():
@@ -133,8 +133,9 @@ def test_ways_are_also_longer_than_the_shortest_but_never_go_in_circles():
     pair = {(a, b): number for number, (a, b, _) in enumerate(graph.recipe_labels())}
     short, long = {pair["a", "a"], pair["b", "b"]}, {pair["a", "a"], pair["a", "b"], pair["c", "c"]}
     search, goal, start = SolutionSearch(graph), graph.id_of("g"), frozenset([graph.id_of("a")])
-    assert search.ways(goal, start, 2) == search.shortest_ways(goal, start, 5) == {frozenset(short)}
-    assert search.ways(goal, start, 5) == {frozenset(short), frozenset(long)}
+    assert search.shortest_ways(goal, start, 5) == {frozenset(short)}
+    every_way = search._ways(goal, [start, *[None] * 5], 5, frozenset())
+    assert every_way == {frozenset(short), frozenset(long)}
 
 
 @pytest.mark.parametrize("depth", [1, 2])

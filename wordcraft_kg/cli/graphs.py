@@ -91,7 +91,7 @@ EXAMPLES = {
     "build-graph": (
         "wordcraft-kg build-graph everyday --out graphs/everyday",
         "wordcraft-kg build-graph recipes.txt --columns item1,item2,product --out graphs/mine",
-        "wordcraft-kg build-graph recipes.json --split folds.csv --out graphs/fold-1",
+        "wordcraft-kg build-graph recipes.json --split fold-1.json --out graphs/fold-1",
         "wordcraft-kg build-graph inorganic-synthesis --split fold-1 --out graphs/synthesis",
         "wordcraft-kg build-graph everyday --split by-goal --seed 1 --out graphs/everyday-by-goal",
     ),
@@ -171,8 +171,8 @@ def check_book(
         book: recipe book: a table, lines a + b = c, JSON, a save of Infinite Craft, a folder of
             Minecraft recipes, also in gzip or zip; or a known book's name.
         fix: write the mended book to this .csv, .tsv or .json file: readable recipes, each once,
-            without results among their ingredients, in UTF-8 and the file's order, tables with
-            further columns; what is left out is printed.
+            without results among their ingredients, in UTF-8 and the file's order; what is left
+            out is printed, such as further columns.
     """
     if fix is not None:
         check_output_file(fix, force=force, setting="fix")
@@ -231,8 +231,8 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
     split: Annotated[
         str | None,
         Parameter(
-            help=f"held-out recipes: {_KINDS}; or a CSV or JSON file with each recipe's or "
-            "result's part, or a book's published fold, such as fold-1. Default: by-recipe, or "
+            help=f"held-out recipes: {_KINDS}; or a JSON file with each recipe's or result's "
+            "part, or a book's published fold, such as fold-1. Default: by-recipe, or "
             "by-goal if most recipes are the only one of their result."
         ),
     ] = None,

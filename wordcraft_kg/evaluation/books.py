@@ -13,18 +13,15 @@ from wordcraft_kg.envs.draws import EvaluationTables
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import (
     Recipe,
-    RecipeBook,
     TaskPart,
     known_books,
     open_book,
-    read_book,
     write_book,
 )
 from wordcraft_kg.graphs.audit import BookFigures
 from wordcraft_kg.graphs.book_check import LISTED, BookCheck, Finding, check_book
 from wordcraft_kg.graphs.book_files import ReadOptions
 from wordcraft_kg.graphs.book_files.rows import Place
-from wordcraft_kg.graphs.book_files.writing import write_rows
 from wordcraft_kg.graphs.library import FETCHABLE, KnownBook, locate_book
 from wordcraft_kg.graphs.recipes import Reading
 
@@ -128,14 +125,16 @@ def view_check(
     # A file that another process writes during this check is not replaced.
     replaces = fix is not None and fix.exists()
     check = check_book(path, base or located.base, located.name, **options)
-    kept_columns = False
     if fix is not None:
         if check.book is None:
             raise RecipeFileError(
                 f"{path}: no recipe is readable, so nothing was written to {fix}."
             )
+        # In the order of the file.
+        book_recipes = set(check.book.recipes)
+        ordered = [recipe for recipe in check.places if recipe in book_recipes]
         with staged_file(fix, force=replaces) as staged:
-            kept_columns = write_mended(check, check.book, staged)
+            write_book(replace(check.book, recipes=ordered), staged)
     return CheckedBook(
         book,
         str(path),
@@ -145,7 +144,7 @@ def view_check(
         check.figures or {},
         check.findings,
         {} if fix is None else _left_out(check),
-        () if kept_columns or fix is None or check.reading is None else check.reading.ignored,
+        () if fix is None or check.reading is None else check.reading.ignored,
     )
 
 
@@ -154,46 +153,6 @@ def _left_out(check: BookCheck) -> dict[str, tuple[Place, ...]]:
     assert check.reading is not None
     reasons = check.reading.left_out
     return {reason: tuple(check.lost.get(reason, ())[:LISTED]) for reason in reasons}
-
-
-def write_mended(check: BookCheck, book: RecipeBook, path: Path) -> bool:
-    """Write the recipes of a check in the order of the file, with its further columns.
-
-    Args:
-        check: a check with recipes.
-        book: the mended book.
-        path: a .csv, .tsv or .json file.
-
-    Returns:
-        Whether the further columns of the file, if any, were written: JSON has none, and names that
-        our own header cannot stand beside are left out.
-
-    Raises:
-        RecipeFileError: if the ending is another; nothing is written.
-    """
-    book_recipes = set(book.recipes)
-    ordered = [recipe for recipe in check.places if recipe in book_recipes]
-    reading = check.reading
-    assert reading is not None
-    if path.suffix.lower() not in (".csv", ".tsv") or not check.records:
-        write_book(replace(book, recipes=ordered), path)
-        return not reading.ignored
-    rows = []
-    first = reading.columns[0]
-    for recipe in ordered:
-        cells = check.records.get(check.places[recipe], {})
-        *ingredients, result = recipe
-        # The order of the file, if its cells are labels as they stand.
-        if cells.get(first, "").strip() == ingredients[-1]:
-            ingredients.reverse()
-        further_cells = [cells.get(name, "") for name in reading.ignored]
-        rows.append(((*ingredients, result), further_cells))
-    write_rows(book, path, reading.ignored, rows)
-    with suppress(RecipeFileError):
-        if read_book(path).recipes == book.recipes:
-            return True
-    write_rows(book, path, (), [(labels, ()) for labels, _ in rows])
-    return not reading.ignored
 
 
 class ShownTask(Record):

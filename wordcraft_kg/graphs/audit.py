@@ -7,7 +7,6 @@ Lists of labels are cut at :data:`SHOWN`; the counts beside them are complete.
 
 from collections import Counter
 from dataclasses import asdict
-from itertools import combinations, pairwise
 
 import msgspec
 import numpy as np
@@ -159,8 +158,6 @@ class SetStatistics(Record):
 
     Attributes:
         recipes_by_number_of_ingredients: number of recipes with 1, 2, ... ingredients.
-        inside_another_set: recipes whose ingredients are some of those of another recipe for the
-            same result.
         test_sets: test recipes of three or more ingredients.
         with_a_train_pair: those with a pair of ingredients that a train recipe combines, too.
         of_train_pairs: those of whose ingredients train recipes combine every pair. Their
@@ -168,7 +165,6 @@ class SetStatistics(Record):
     """
 
     recipes_by_number_of_ingredients: dict[str, Count]
-    inside_another_set: Count
     test_sets: Count
     with_a_train_pair: Count
     of_train_pairs: Count
@@ -416,30 +412,10 @@ def _set_statistics(split: Split) -> SetStatistics | None:
         recipes_by_number_of_ingredients=dict(
             zip(map(str, sizes.tolist()), numbers.tolist(), strict=True)
         ),
-        inside_another_set=_num_inside_others(graph),
         test_sets=num_sets,
         with_a_train_pair=int(np.sum(with_train)),
         of_train_pairs=int(np.sum(~with_other)),
     )
-
-
-def _num_inside_others(graph: RecipeGraph) -> int:
-    """Return the number of recipes with a part of another recipe's ingredients for its result."""
-    inside: set[int] = set()
-    starts, order = graph.by_result
-    sizes = graph.sizes
-    for start, stop in pairwise(starts.tolist()):
-        rows = order[start:stop]
-        lengths = np.unique(sizes[rows]).tolist()
-        if len(lengths) < 2:
-            continue
-        row_of = {tuple(graph.sets[row, : sizes[row]].tolist()): row for row in rows.tolist()}
-        for ingredients in row_of:
-            smaller = [length for length in lengths if length < len(ingredients)]
-            # At most 254 smaller sets, whatever the number of recipes.
-            parts = {part for length in smaller for part in combinations(ingredients, length)}
-            inside.update(row_of[part] for part in parts if part in row_of)
-    return len(inside)
 
 
 def one_ingredient_away(split: Split) -> NDArray[np.bool_]:

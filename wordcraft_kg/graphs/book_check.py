@@ -25,7 +25,7 @@ from wordcraft_kg.base import (
 )
 from wordcraft_kg.graphs.audit import BookFigures, book_figures
 from wordcraft_kg.graphs.book_files.cells import OWN_COLUMNS
-from wordcraft_kg.graphs.book_files.files import Content, read_bytes
+from wordcraft_kg.graphs.book_files.files import read_bytes
 from wordcraft_kg.graphs.book_files.reader import (
     REPEATED,
     SELF_RESULT,
@@ -48,8 +48,6 @@ from wordcraft_kg.graphs.recipes import (
     RecipeBook,
     alike_labels,
     is_missing,
-    note_of_marks,
-    note_of_numbers,
 )
 
 FAULTY = "with a problem"
@@ -120,11 +118,10 @@ def check_book(
     The file is read to its end, whatever it holds, by the code of
     :func:`~wordcraft_kg.graphs.book_files.read_book`. Equal findings are one finding with all lines.
 
-    Problems are: an encoding other than UTF-8, a byte order mark, labels with commas, bad rows, recipes listed twice or made from themselves, labels in two spellings,
-    unused base entities, entities out of reach from the base, and cycles of entities that need each
-    other. Notes are: an inferred base, invisible characters, HTML entities, singular and plural
-    forms of a word, entities in only one recipe, rows that are no recipe, and listed entities
-    without a recipe.
+    Problems are: an encoding other than UTF-8, labels with commas, bad rows, recipes listed twice or made from themselves, labels in two spellings,
+    unused base entities, and entities out of reach from the base. Notes are: an inferred base,
+    invisible characters, HTML entities, singular and plural forms of a word, rows that are no
+    recipe, and listed entities without a recipe.
 
     Args:
         path: a file in any readable shape. Only findings in text have line numbers.
@@ -147,14 +144,14 @@ def check_book(
         if path.is_dir():
             raise
         return BookCheck((_problem("unreadable", str(error)),), None, None)
-    findings = list(_byte_findings(rows.content))
+    findings: list[Finding] = []
+    encoding = rows.content.encoding
+    if encoding not in ("", "utf-8"):
+        message = f"the encoding is {encoding}; save the file as UTF-8"
+        findings.append(_problem("encoding", message))
     lines_of, book = _read_rows(rows, name or book_name(path), findings)
     reading = rows.reading(book.merged_duplicates, book.dropped_self_results, book.entities)
-    findings += chain(
-        _left_out_findings(rows),
-        (_note("numbers", message) for message in note_of_numbers(book.entities)),
-        (_note("marks", message) for message in note_of_marks(book.entities)),
-    )
+    findings += _left_out_findings(rows)
     if not book.recipes:
         if not any(finding.severity == "problem" for finding in findings):
             findings.append(_problem("empty", "it has no recipe"))
@@ -174,9 +171,8 @@ def check_book(
         _characters(graph, line_of),
         _spellings(graph, line_of),
         _idle(graph, base_labels),
-        _unreachable(graph, line_of, lines_of),
+        _unreachable(graph, line_of),
         _plurals(graph, line_of),
-        _lonely(graph, line_of),
     )
     return BookCheck(
         findings=_sorted(findings),
@@ -188,14 +184,6 @@ def check_book(
         lost=_lost(rows, lines_of),
         records=rows.source.records,
     )
-
-
-def _byte_findings(file: Content) -> Iterator[Finding]:
-    """Yield findings about the bytes of a text: mark and encoding."""
-    if file.encoding not in ("", "utf-8"):
-        yield _problem("encoding", f"the encoding is {file.encoding}; save the file as UTF-8")
-    elif file.has_mark:
-        yield _problem("bom", "the file starts with a byte order mark; save it without one", [1])
 
 
 def _read_rows(
@@ -236,7 +224,7 @@ def _read_rows(
     if faulty:
         rows.left_out[FAULTY] = faulty
     base = None if rows.base is None else tuple(sorted(known_labels & rows.base.keys()))
-    return lines_of, rows.with_facts(replace(book, base=base))
+    return lines_of, rows.with_kinds(replace(book, base=base))
 
 
 def _left_out_findings(rows: BookRows) -> Iterator[Finding]:
@@ -382,13 +370,7 @@ def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Findi
         )
 
 
-def _unreachable(
-    graph: RecipeGraph,
-    line_of: Mapping[str, int],
-    lines_of: Mapping[Recipe, Sequence[Place]],
-) -> Iterator[Finding]:
-    import networkx as nx
-
+def _unreachable(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     if not graph.base:
         message = (
             "no entity lacks a recipe, so no base can be inferred and nothing can be made. Name the "
@@ -397,44 +379,13 @@ def _unreachable(
         yield _problem("unreachable", message)
         return
     is_idle = graph.recipe_counts + graph.use_counts == 0
-    is_outside = (layers(graph) < 0) & ~is_idle
-    # An arrow from an ingredient to what it makes, among entities out of reach alone.
-    # From the rows, as triples of a large book take more memory than the book itself.
-    outside = set(np.flatnonzero(is_outside).tolist())
-    needs = nx.DiGraph()
-    needs.add_nodes_from(sorted(outside))
-    rows = graph.sets[is_outside[graph.sets[:, -1]]].tolist()
-    for *ingredients, result in rows:
-        needs.add_edges_from(
-            (ingredient, result) for ingredient in ingredients if ingredient in outside
-        )
-    # Entities that need one another are one finding, not one each.
-    for island in sorted(nx.weakly_connected_components(needs), key=min):
-        labels = graph.labels(sorted(island))
+    labels = graph.labels(np.flatnonzero((layers(graph) < 0) & ~is_idle))
+    if labels:
         subject = counted(len(labels), "entity", "entities")
         message = (
             f"{subject} cannot be made from the base ({_listed(graph.base)}): {_listed(labels)}"
         )
         yield _problem("unreachable", message, _at(labels[:LISTED], line_of))
-    places_of = defaultdict[str, list[Place]](list)
-    for recipe, places in lines_of.items():
-        places_of[recipe.result] += places
-    for circle in sorted(nx.strongly_connected_components(needs), key=min):
-        if len(circle) > 1 and _is_closed(graph, circle):
-            labels = graph.labels(sorted(circle))
-            message = (
-                "every recipe of these needs another of them, so none can be made first: "
-                f"{_listed(labels)}"
-            )
-            yield _problem("cycle", message, _lines_of(places_of, labels))
-
-
-def _is_closed(graph: RecipeGraph, entities: set[int]) -> bool:
-    """Return whether each recipe of the entities needs one of them."""
-    # Of the index by result: a book may have thousands of circles, and millions of recipes.
-    rows = np.concatenate([graph.recipes_of(entity) for entity in sorted(entities)])
-    needs_one = np.isin(graph.sets[rows, :-1], list(entities)).any(axis=1)
-    return bool(needs_one.all())
 
 
 def _plurals(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
@@ -449,18 +400,6 @@ def _plurals(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding
                     f"'{label}' and '{plural}' are singular and plural of one word",
                     _at((label, plural), line_of),
                 )
-
-
-def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
-    num_recipes = graph.recipe_counts + graph.use_counts
-    lonely = graph.labels(np.flatnonzero(num_recipes == 1))
-    if lonely:
-        subject = counted(len(lonely), "entity", "entities")
-        yield _note(
-            "lonely",
-            f"{subject} in one recipe only: {_listed(lonely)}",
-            _at(lonely[:LISTED], line_of),
-        )
 
 
 def _listed(labels: Iterable[str]) -> str:

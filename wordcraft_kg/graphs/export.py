@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
-from urllib.parse import quote
 
 import numpy as np
 
@@ -26,14 +25,6 @@ if TYPE_CHECKING:
     import networkx as nx
     import pandas as pd
 
-NAMESPACE = "urn:wordcraft-kg:"
-"""Prefix of IRIs in RDF; labels in IRIs are percent-encoded.
-
-The rest is ``entity:<label>``, ``recipe:<a>+<b>=<result>`` with all ingredients,
-``relation:<name>``, ``role:ingredient`` or ``role:result``.
-"""
-_RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
-_RDFS_LABEL = "http://www.w3.org/2000/01/rdf-schema#label"
 ExportPart = Literal["full", "partial", "unseen"]
 """All recipes, the train recipes, or the held-out recipes and the triples of no train recipe."""
 MOST_BYTES = 4 * 2**30
@@ -94,7 +85,7 @@ def export_graph(
         raise ConfigError(
             f"`format` {format!r}: {graph.num_recipes:,} recipes would take about "
             f"{needed_bytes / 2**30:.0f} GiB of memory; expected at most {MOST_BYTES / 2**30:.0f}. "
-            "Take nt, tsv, parquet, csv, json or sentences, which need little."
+            "Take tsv, parquet, csv, json or sentences, which need little."
         )
     # Unseen triples are those that train recipes do not give; an unseen recipe may give others.
     triples = opened.split.unseen if part == "unseen" else opened.triples(part)
@@ -134,19 +125,16 @@ def _hif(graph: RecipeGraph) -> dict[str, Any]:
 
     A recipe is an edge of a directed hypergraph: its ingredients are the edge's tail, its result is
     the head. Nodes are entities by label, with ``base`` in their attributes; edges have the
-    recipe's ``kind`` and ``quantities``, if any.
+    recipe's ``kind``, if any.
 
     Source: Coll et al., "HIF: The hypergraph interchange format for higher-order networks".
     """
     base = set(graph.base)
-    nothing = [""] * graph.num_recipes
-    facts_of_edges = zip(graph.kinds or nothing, graph.quantities or nothing, strict=True)
+    kinds = graph.kinds or [""] * graph.num_recipes
     edges: list[dict[str, Any]] = []
     incidences = []
-    for edge, (recipe, facts) in enumerate(zip(graph.recipe_labels(), facts_of_edges, strict=True)):
-        attributes = dict(zip(("kind", "quantities"), facts, strict=True))
-        filled_facts = {name: fact for name, fact in attributes.items() if fact}
-        edges.append({"edge": edge} | ({"attrs": filled_facts} if filled_facts else {}))
+    for edge, (recipe, kind) in enumerate(zip(graph.recipe_labels(), kinds, strict=True)):
+        edges.append({"edge": edge} | ({"attrs": {"kind": kind}} if kind else {}))
         # A node is once in an edge; an entity with itself has the weight 2.
         for label, count in Counter(recipe.ingredients).items():
             weight = {"weight": count} if count > 1 else {}
@@ -159,34 +147,6 @@ def _hif(graph: RecipeGraph) -> dict[str, Any]:
         "edges": edges,
         "incidences": incidences,
     }
-
-
-def _rdf_lines(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
-    """Yield N-Triples; only labels are text, and a self pair has one ingredient."""
-    # An IRI holds neither blanks nor most signs; "+" and "=" part the names in that of a recipe.
-    names = [quote(label, safe="") for label in graph.entities]
-    entities = [f"<{NAMESPACE}entity:{name}>" for name in names]
-    for iri, label in zip(entities, graph.entities, strict=True):
-        # Backslashes first, or those before the quotation marks would be doubled, too.
-        escaped = label.replace("\\", "\\\\").replace('"', '\\"')
-        yield f'{iri} <{_RDFS_LABEL}> "{escaped}" .\n'
-    predicates = [f"<{NAMESPACE}relation:{name}>" for name in RELATIONS]
-    for head, relation, tail in triples.tolist():
-        yield f"{entities[head]} {predicates[relation]} {entities[tail]} .\n"
-    recipe_class = f"<{NAMESPACE}Recipe>"
-    has_ingredient = f"<{NAMESPACE}role:ingredient>"
-    has_result = f"<{NAMESPACE}role:result>"
-    for row, size in zip(graph.sets.tolist(), graph.sizes.tolist(), strict=True):
-        ingredients = row[:size]
-        # Named after its labels, so that equal recipes of two graphs are one node.
-        sum_of_names = "+".join(names[entity] for entity in ingredients)
-        recipe = f"<{NAMESPACE}recipe:{sum_of_names}={names[row[-1]]}>"
-        yield f"{recipe} <{_RDF_TYPE}> {recipe_class} .\n"
-        # RDF is a set of statements: the same ingredient twice would be one statement anyway; the
-        # name of the recipe has it twice.
-        for entity in dict.fromkeys(ingredients):
-            yield f"{recipe} {has_ingredient} {entities[entity]} .\n"
-        yield f"{recipe} {has_result} {entities[row[-1]]} .\n"
 
 
 def to_networkx(graph: RecipeGraph) -> "nx.MultiDiGraph":
@@ -217,8 +177,7 @@ def to_networkx(graph: RecipeGraph) -> "nx.MultiDiGraph":
         prefix = "_" + prefix
     for index, recipe in enumerate(graph.recipe_labels()):
         node = f"{prefix}{index}"
-        quantities = graph.quantities[index] if graph.quantities else ""
-        view.add_node(node, kind="recipe", **({"quantities": quantities} if quantities else {}))
+        view.add_node(node, kind="recipe")
         for name, ingredient in zip(own_header(MOST_INGREDIENTS), recipe.ingredients, strict=False):
             view.add_edge(ingredient, node, name, role="ingredient")
         view.add_edge(node, recipe.result, "result", role="result")
@@ -256,10 +215,6 @@ EXPORTERS = {
         "GraphML, with a node for each recipe between its ingredients and its result",
         _graphml,
         _GRAPHML_BYTES,
-    ),
-    "nt": Exporter(
-        "RDF N-Triples, with a node for each recipe",
-        lambda graph, triples, path: write_atomically(path, _rdf_lines(graph, triples)),
     ),
     "parquet": Exporter(
         "triples as a Parquet table",

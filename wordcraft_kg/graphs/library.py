@@ -7,9 +7,11 @@ A built-in book is a file in the folder ``books``; a book to download is an entr
 import hashlib
 import os
 import re
+import time
 import urllib.request
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from hashlib import sha256
 from http.client import HTTPException
 from itertools import chain
@@ -104,7 +106,6 @@ def with_made_up_words(book: RecipeBook, seed: int = 0) -> RecipeBook:
         idle=tuple(sorted(map(renamed, book.idle))),
         sha256=hash_of_book,
         kinds={recipe_of[recipe]: kind for recipe, kind in book.kinds.items()},
-        quantities={recipe_of[recipe]: numbers for recipe, numbers in book.quantities.items()},
     )
 
 
@@ -121,7 +122,8 @@ _BUILT_IN = Path(__file__).parent / "books"
 MADE_UP = re.compile(rf"{PREFIX}(?:-(\d+))?:(.+)")
 """Name of a book with invented words; groups: the seed, and the original book's name or file."""
 _SILENCE = 30  # seconds without a byte from the server
-_MAX_BYTES = 64 * 2**20  # of a download; what is cut there has another hash
+_LONGEST = 600  # seconds of a download
+_MAX_BYTES = 64 * 2**20  # of a download
 
 
 @dataclass(frozen=True)
@@ -461,7 +463,13 @@ def fetch_file(
     )
     try:
         with urllib.request.urlopen(url, timeout=_SILENCE) as response:
-            data = response.read(_MAX_BYTES)
+            begin = time.monotonic()
+            data = bytearray()
+            # Each piece as it comes: a server that sends a byte now and then has an end, too.
+            for piece in iter(partial(response.read1, _MAX_BYTES), b""):
+                data += piece
+                if len(data) > _MAX_BYTES or time.monotonic() - begin > _LONGEST:
+                    raise TimeoutError(f"more than {_MAX_BYTES:,} bytes or {_LONGEST} seconds")
     except (OSError, HTTPException) as error:
         reason = getattr(error, "reason", error)
         raise FetchError(
@@ -474,7 +482,7 @@ def fetch_file(
             f"expected {sha256[:12]}…; not kept. {by_hand}"
         )
     with made_folder(target.parent):
-        write_atomically(target, data)
+        write_atomically(target, bytes(data))
     return target
 
 

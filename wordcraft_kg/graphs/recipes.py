@@ -247,7 +247,6 @@ class Reading(Record, omit_defaults=True, kw_only=True):
         arities: number of rows by their number of ingredients, as digits.
         counts_dropped: ingredients whose number of pieces is not kept.
         trimmed: cells with characters at their ends that cannot be seen, which are left out.
-        several_outputs: rows of the file with several results.
         notes: further remarks.
     """
 
@@ -266,7 +265,6 @@ class Reading(Record, omit_defaults=True, kw_only=True):
     arities: dict[str, Count] = msgspec.field(default_factory=dict)
     counts_dropped: Count = 0
     trimmed: Count = 0
-    several_outputs: Count = 0
     notes: tuple[str, ...] = ()
 
     def line(self) -> str:
@@ -299,7 +297,6 @@ class Reading(Record, omit_defaults=True, kw_only=True):
             (self.case, "labels in lower case"),
             (self.counts_dropped, f"{counted(self.counts_dropped, 'number')} of pieces not kept"),
             (self.trimmed, f"{counted(self.trimmed, 'cell')} without blanks that cannot be seen"),
-            (self.several_outputs, f"{counted(self.several_outputs, 'row')} with several results"),
             (self.arities.keys() - {"2"}, f"rows by number of ingredients: {arities}"),
         )
         yield from (text for is_said, text in facts if is_said)
@@ -319,8 +316,6 @@ class RecipeBook:
         merged_duplicates: number of omitted rows that repeat a recipe.
         sha256: hash of the file's bytes; None for a book that was not read from a file.
         kinds: kind of reasoning by recipe, such as ``making``; empty for a book without kinds.
-        quantities: numbers by recipe, one for each ingredient with blanks between, which no score
-            depends on; empty for a book without quantities.
         reading: how the file was read; None for a book that was not read from a file.
     """
 
@@ -332,7 +327,6 @@ class RecipeBook:
     merged_duplicates: int = 0
     sha256: str | None = None
     kinds: Mapping[Recipe, str] = field(default_factory=dict, hash=False)
-    quantities: Mapping[Recipe, str] = field(default_factory=dict, hash=False, kw_only=True)
     # Two shapes of one content are one book.
     reading: Reading | None = field(default=None, compare=False)
 
@@ -469,10 +463,6 @@ _COUNTS = tuple(
     )
 )
 _CLEAR = 0.2  # share of the labels with numbers that is worth a remark
-_MARK = re.compile(
-    r"^(?:[*†‡✓✔☆★⭐✅]+\ufe0f?)\s*(?=\S)|^\d+[.)]\s*(?=[^\W\d])|(?<=\S)\s*(?:[*†‡✓✔☆★⭐🆕✅]+\ufe0f?|\[\d+\])$"
-)
-"""What lists put before or behind a label: stars, ticks, numbers of footnotes."""
 HTML_ENTITY = re.compile(r"&(?:#\d+|#x[0-9a-fA-F]+|[A-Za-z]\w+);")
 
 
@@ -502,7 +492,6 @@ def notes_about(labels: Collection[str]) -> Iterator[str]:
     """Yield remarks about labels that may be something else, for the line about the file."""
     yield from note_of_missing(labels)
     yield from note_of_numbers(labels)
-    yield from note_of_marks(labels)
 
 
 def note_of_missing(labels: Collection[str]) -> Iterator[str]:
@@ -529,24 +518,6 @@ def note_of_numbers(labels: Collection[str]) -> Iterator[str]:
             f"{counted(len(numbered), 'label')} with numbers, such as {example}{also}; numbers of "
             "pieces are no part of a label"
         )
-
-
-def note_of_marks(labels: Collection[str]) -> Iterator[str]:
-    """Yield a remark, or none, about labels with marks of lists, such as a star."""
-    marked = sorted(filter(_has_mark, labels))
-    if marked:
-        yield (
-            f"{counted(len(marked), 'label')} with a mark, such as {_quoted(marked[0])}; remove it "
-            "if it is no part of the label"
-        )
-
-
-def _has_mark(label: str) -> bool:
-    # Most labels begin with a letter and end in one, and need no pattern.
-    if label[0].isalpha() and label[-1].isalpha():
-        return False
-    bare = _MARK.sub("", label)
-    return bare != label and any(map(str.isalnum, bare))
 
 
 def _quoted(label: str) -> str:

@@ -5,9 +5,7 @@ give the others away. Add a kind of split to :data:`SPLITS`, here or by ``@split
 :mod:`wordcraft_kg.plugins`. :func:`read_published_split` takes the parts from somebody's file.
 """
 
-import csv
 import hashlib
-import io
 import json
 import logging
 from collections.abc import Callable, Iterator, Sequence
@@ -49,7 +47,7 @@ from wordcraft_kg.graphs.arrays import (
 )
 from wordcraft_kg.graphs.book_files.files import MAX_BOOK_SIZE, without_repeated_keys
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS, Recipe, shown
+from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS, Recipe
 from wordcraft_kg.graphs.triples import is_in, recipe_triples
 
 _SPLIT_FORMAT = "wordcraft-kg split 1"
@@ -373,44 +371,25 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
     parts = _drawn_parts(graph, config, rng)
     num_moved = _cover_entities(graph, parts, rng) if config.kind == "by-recipe" else 0
     split = Split(graph, config, parts, num_moved)
-    has_valid = config.valid_ratio > 0
-    required_parts: list[Part] = ["train", "test", "valid"] if has_valid else ["train", "test"]
-    empty = [part for part in required_parts if not split.is_in(part).any()]
-    if empty:
-        raise SplitError(_why_empty(graph, config, required_parts, empty[0]))
+    required_parts: tuple[Part, ...] = ("train", "test")
+    if config.valid_ratio > 0:
+        required_parts = (*required_parts, "valid")
+    for part in required_parts:
+        if not split.is_in(part).any():
+            groups = counted(len(np.unique(groups_of(graph, config.kind))), "group")
+            recipes = counted(graph.num_recipes, "recipe")
+            moved = ""
+            if num_moved:
+                moved = (
+                    f", after {counted(num_moved, 'recipe')} moved to train, so that train covers "
+                    "every entity (`kind` by-recipe-plain moves none)"
+                )
+            raise SplitError(
+                f"the {part} part of a {config.kind} split of {recipes} in {groups} is empty"
+                f"{moved}; choose another `train_ratio` or `valid_ratio`, or `kind` none for the "
+                "full graph only."
+            )
     return split
-
-
-def _why_empty(
-    graph: RecipeGraph,
-    config: SplitConfig,
-    required_parts: Sequence[Part],
-    part: Part,
-) -> str:
-    """Return the message for an empty part, with its cause if it is the cover of all entities.
-
-    Args:
-        graph: the recipe graph.
-        config: settings of the split.
-        required_parts: parts that a split with these settings has.
-        part: the empty part.
-    """
-    groups = counted(len(np.unique(groups_of(graph, config.kind))), "group")
-    recipes = counted(graph.num_recipes, "recipe")
-    message = f"the {part} part of a {config.kind} split of {recipes} in {groups} is empty"
-    # The draw before any recipe moved, which is also the draw of by-recipe-plain.
-    drawn_parts = _drawn_parts(graph, config, np.random.default_rng(config.seed))
-    sizes = {name: int(np.sum(drawn_parts == PARTS.index(name))) for name in required_parts}
-    if config.kind == "by-recipe" and all(sizes.values()):
-        return (
-            f"{message}: the {counted(sizes[part], 'recipe')} drawn for it moved to train, so that "
-            "train covers every entity. Choose `kind` by-recipe-plain, which moves none, or `kind` "
-            "none for the full graph only."
-        )
-    return (
-        f"{message}; choose another `train_ratio` or `valid_ratio`, or `kind` none for the full "
-        "graph only."
-    )
 
 
 def default_config(graph: RecipeGraph) -> SplitConfig:
@@ -649,10 +628,7 @@ _PART_OF_NAME = {
     **dict.fromkeys(("valid", "validation", "val", "dev"), VALID),
     "test": TEST,
 }
-_EXPECTED = (
-    "expected a table with the columns part, result and, for single recipes, ingredient_a, "
-    'ingredient_b, ..., or JSON such as {"train": ["mud"], "test": [["mud", "fire", "brick"]]}'
-)
+_EXPECTED = 'expected JSON such as {"train": ["mud"], "test": [["mud", "fire", "brick"]]}'
 _Labels = Annotated[list[str], msgspec.Meta(min_length=1)]
 _Listing = list[str | _Labels] | dict[str, list[_Labels]]
 """A part in JSON: results and recipes, or sets by result; an empty set is no recipe."""
@@ -664,16 +640,15 @@ _Entry = tuple[tuple[str, ...], int]
 def read_published_split(path: Path, graph: RecipeGraph, *, fold: bool = False) -> Split:
     """Read a split from a file.
 
-    A table names results or recipes, with the columns ``part``, ``result`` and perhaps the
-    ingredient columns of our own table. JSON has a list for each part, or an object of results with
-    their sets as in a recipe book: ``{"train": {"mud": [["water", "earth"]]}, "test": ["brick"]}``.
-    A result stands for all its recipes. Other keys and columns, such as a licence, are ignored.
+    JSON has a list for each part, or an object of results with their sets as in a recipe book:
+    ``{"train": {"mud": [["water", "earth"]]}, "test": ["brick"]}``. A result stands for all its
+    recipes. Other keys, such as a licence, are ignored.
 
     The split is by-goal if the file holds out whole results, else by-recipe-plain; its ratios are
     the shares of the recipes.
 
     Args:
-        path: a CSV or JSON file, also in gzip.
+        path: a JSON file, also in gzip.
         graph: the graph whose recipes it divides.
         fold: whether labels are folded to lower case, as those of the graph were.
 
@@ -721,15 +696,13 @@ def read_published_split(path: Path, graph: RecipeGraph, *, fold: bool = False) 
 
 
 def _entries(path: Path, data: bytes) -> list[_Entry]:
-    """Return the entries of a JSON or CSV file; SplitError for a file of another shape."""
+    """Return the entries of a file; SplitError for a file of another shape."""
     try:
-        text = data.decode("utf-8-sig")
-        if text.lstrip()[:1] in ("{", "["):
-            return list(_json_entries(json.loads(text, object_pairs_hook=without_repeated_keys)))
-        return list(_table_entries(text))
+        document = json.loads(data, object_pairs_hook=without_repeated_keys)
+        return list(_json_entries(document))
     except RecursionError:
         raise SplitError(f"{path}: no split (nested too deeply); {_EXPECTED}.") from None
-    except (ValueError, csv.Error, msgspec.ValidationError) as error:
+    except (ValueError, msgspec.ValidationError) as error:
         raise SplitError(f"{path}: no split ({error}); {_EXPECTED}.") from None
 
 
@@ -749,32 +722,6 @@ def _json_entries(document: Any) -> Iterator[_Entry]:
             for row in content:
                 labels = (row,) if isinstance(row, str) else tuple(row)
                 yield labels, part
-
-
-def _table_entries(text: str) -> Iterator[_Entry]:
-    """Yield the entries of a table with a header; blank cells are no ingredients."""
-    # Line ends of any system; a label holds none.
-    reader = csv.DictReader(io.StringIO(text, newline=None))
-    columns = [name.strip() for name in reader.fieldnames or ()]
-    if not {"part", "result"}.issubset(columns):
-        raise ValueError("no columns part and result")
-    # Spreadsheets leave columns and rows of blanks.
-    named = [name for name in columns if name]
-    if len(set(named)) < len(named):
-        raise ValueError("two columns have the same name")
-    reader.fieldnames = columns
-    for row in reader:
-        if None in row:
-            raise ValueError(f"line {reader.line_num} has more cells than the header")
-        cells = {name: (cell or "").strip() for name, cell in row.items()}
-        if not any(cells.values()):
-            continue
-        part = _PART_OF_NAME.get(cells["part"].lower())
-        if part is None:
-            cell = f"the part {shown(cells['part'])}"
-            raise ValueError(f"line {reader.line_num}: {cell} is not train, valid or test")
-        ingredients = (cell for name, cell in cells.items() if name.startswith("ingredient"))
-        yield (*filter(None, ingredients), cells["result"]), part
 
 
 def _rows(graph: RecipeGraph, entries: list[tuple[str, ...]]) -> tuple[Ids, int]:

@@ -252,22 +252,6 @@ class SolutionSearch:
                 return ways
         return set()
 
-    def ways(
-        self,
-        goal: int,
-        have: frozenset[int],
-        attempts: int,
-    ) -> set[_Way]:
-        """Return all acyclic ways to make a goal, also longer ones than necessary.
-
-        Args:
-            goal: entity id.
-            have: ids of the entities at hand.
-            attempts: most attempts in a way.
-        """
-        near = self._near(have, attempts - 1)
-        return self._ways(goal, near, attempts, frozenset())
-
     def _near(self, have: frozenset[int], max_attempts: int) -> list[frozenset[int] | None]:
         """Return the entities within reach of 0, 1, ... ``max_attempts`` attempts.
 

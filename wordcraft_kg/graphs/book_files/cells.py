@@ -1,23 +1,18 @@
 """The labels in cells: pieces of a cell, and the label that each text of a file stands for.
 
 Each different text is judged once, for all rows: characters at its ends that cannot be seen are
-left out; numbers such as in ``2 water`` are left out if many texts have them; an id becomes the
-name that the file gives it. What still looks like more than a label is a fault.
+left out. What still looks like more than a label is a fault.
 """
 
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 from typing import Any
-
-from msgspec.structs import replace
 
 from wordcraft_kg.graphs.book_files.rows import (
     WITHOUT,
     Entry,
-    FileRows,
     LeftOut,
     Raw,
     Row,
@@ -36,9 +31,7 @@ UNSEEN = "".join(
 )
 """Characters at the ends of a cell that cannot be seen, and are no part of a label."""
 NUMBER = "\x01"
-"""Before a number of JSON, which is an id until a list names it; no label holds it."""
-Names = Mapping[str, str | None]
-"""Names by id; None for an id of several names."""
+"""Before a number of JSON, which is a label only if the user names its path; no label holds it."""
 _OWN_NAMES = "ingredient_a,ingredient_b,result"
 _WITHOUT_BRACKETS = (
     "leave its brackets out; of labels in quotes, in Python "
@@ -71,9 +64,10 @@ _SIGNS_IN_LABELS = (
 """Signs that labels hold as well; cells that all have one are not read."""
 _OFTEN = 0.5  # share of the cells with a joiner
 _MOST_WITHOUT_GRID = 3  # ingredients; more may be the slots of a crafting grid
-_OPENING, _CLOSING = ("(", "[", "{"), (")", "]", "}")
+_LISTED = re.compile(r"\s*[\[({].*[\])}]\s*", re.DOTALL)
+_QUOTED_LIST = re.compile(r"\s*[\[({]\s*[\"'].*[\])}]\s*", re.DOTALL)
 _ALTERNATIVE = re.compile(r"[;|]| or | / |<br\s*/?>|, ", re.IGNORECASE)
-_FIGURE = re.compile(r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?%?")
+_FIGURE = re.compile(rf"{NUMBER}?[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?%?")
 
 
 def is_number(value: Any) -> bool:
@@ -153,9 +147,6 @@ def ambiguity(ingredients: Sequence[str], joiner: str) -> str:
         ingredients: parts between joiners, such as "water", "earth or rain", "dirt".
         joiner: the sign between them.
     """
-    first, last = ingredients[0], ingredients[-1]
-    if len(ingredients) > 1 and first.startswith(_OPENING) and last.endswith(_CLOSING):
-        return f"{joiner.join(ingredients)[:80]!r} is a list; {_WITHOUT_BRACKETS}"
     for part in ingredients:
         sign = _ALTERNATIVE.search(part)
         has_sum = joiner.strip() != "+" and " + " in part
@@ -197,6 +188,8 @@ def _pieces(
         )
     if not isinstance(value, str) or not value or joiner == "":
         return labels
+    if _LISTED.fullmatch(value):
+        raise _UnsureError(f"{value[:80]!r} is a list; {_WITHOUT_BRACKETS}")
     several = [part.strip() for part in value.split(joiner)] if joiner else [value]
     signs = (*JOINERS, *_SIGNS_IN_LABELS)
     if joiner is None or (len(several) == 1 and any(sign in value for sign in signs)):
@@ -226,12 +219,12 @@ def rows_of_raw(raw: Raw, joiner: str | None, beside: dict[str, list[Any]]) -> I
                 f"a blank cell before {filled!r:.80}, as where cells were merged; fill it, or "
                 "write a single ingredient first."
             )
-        if _has_numbers_beside_names(raw.parts):
+        is_alone = len(raw.parts) == 1
+        if not is_alone and _has_numbers_beside_names(raw.parts):
             raise _UnsureError(
                 f"{shown(raw.parts)} has a number beside a name, which may be its number of pieces;"
                 " name the names with --columns, such as '[].ingredients[][0],[].name'."
             )
-        is_alone = len(raw.parts) == 1
         part_texts = [_pieces(value, joiner, beside, is_alone=is_alone) for value in raw.parts]
         result_texts = [_pieces(value, "", beside, is_alone=True) for value in raw.results]
     except _UnsureError as error:
@@ -242,21 +235,18 @@ def rows_of_raw(raw: Raw, joiner: str | None, beside: dict[str, list[Any]]) -> I
     if not parts or not results:
         yield LeftOut(raw.place, WITHOUT)
     else:
-        yield from (Row(raw.place, parts, result, raw.kind, raw.quantities) for result in results)
+        yield from (Row(raw.place, parts, result, raw.kind) for result in results)
 
 
 # --- the label of a text -------------------------------------------------------------------------
 
-_SIGN = re.compile(r"\d\s?[x×*]\s|(?:^|[\s(])[x×*]\s?\d|[×*]\s?\d+$")
+_TIMES = re.compile(r"\d\s?[x×*]\s|(?:^|[\s(])[x×*]\s?\d|[×*]\s?\d+$")
 """A sign of multiplication beside a number."""
 _WRAPPED = re.compile(
     r"“[^“”]+”|«[^«»]+»|„[^„“”]+[“”]|\*\*[^*]+\*\*|__[^_]+__|`[^`]+`"
     r"|\[\[[^\[\]|]+\]\]|\[[^\[\]]+\]\([^()\s]*\)|!\[.*|.*\(https?://[^\s()]*\)"
 )
 """Quotes, markup of wikis and Markdown around a whole cell, and an image or address beside it."""
-_LISTED = re.compile(r"\s*[\[({]\s*[\"'].*[\])}]\s*", re.DOTALL)
-_CLEAR = 0.2  # share of the cells with numbers by which these are numbers of pieces
-_MOST_MERGERS = 0.1  # share of the rows with numbers that may make what they are made of
 _FORMULA = re.compile(
     r"[=@]\s*[A-Z.]+\(|=\$?[A-Z]{1,3}\$?\d|#(?:REF|VALUE|NAME|DIV/0|NULL|NUM)[!?]|#N/A$"
 )
@@ -284,7 +274,7 @@ def cell_fault(text: str) -> str | None:
             f"{text!r} may be a missing value or a label. Leave the cell empty; if it is a "
             f"label, write a table with the columns {_OWN_NAMES}."
         )
-    if _LISTED.fullmatch(text):
+    if _QUOTED_LIST.fullmatch(text):
         return f"{text[:80]!r} is a list; {_WITHOUT_BRACKETS}"
     if " + " in text:
         return (
@@ -301,183 +291,50 @@ def table_fault(text: str) -> str | None:
     return cell_fault(text)
 
 
-@dataclass
-class FileLabels:
-    """The labels that the texts of a file stand for.
-
-    Attributes:
-        label_of: label by text.
-        faults: why a text is no label, by text.
-        pieces: number of pieces by text, where texts hold such numbers.
-        trimmed: cells with characters at their ends that cannot be seen.
-        counts_dropped: numbers of pieces other than one that were left out.
-    """
-
-    label_of: dict[str, str] = field(default_factory=dict)
-    faults: dict[str, str] = field(default_factory=dict)
-    pieces: dict[str, int] = field(default_factory=dict)
-    trimmed: int = 0
-    counts_dropped: int = 0
-
-    def label(self, text: str) -> str:
-        """Return the label of an entity that is declared or listed, which counts for nothing."""
-        label = trim_unseen(text)
-        counted_label = count_in(label) if self.pieces else None
-        return label if counted_label is None else counted_label[0]
-
-    def finish(self, source: FileRows) -> None:
-        """Take labels for the texts of a file's base and list; record what cells held beside."""
-        if source.base is not None:
-            source.base = {self.label(text): place for text, place in source.base.items()}
-        source.listed = {self.label(text): place for text, place in source.listed.items()}
-        examples = [f"numbers read as pieces, such as '{text[:60]}'" for text in self.pieces][:1]
-        source.reading = replace(
-            source.reading,
-            trimmed=source.reading.trimmed + self.trimmed,
-            counts_dropped=source.reading.counts_dropped + self.counts_dropped,
-            notes=(*examples, *source.reading.notes),
-        )
-
-    def row(self, row: Row) -> Entry:
-        """Return the recipe of a row of texts, or its fault; two pieces of one thing are a pair."""
-        texts = (*row.ingredients, row.result)
-        faults = [self.faults[text] for text in texts if text in self.faults]
-        if row.kind:
-            faults += filter(None, [label_fault(row.kind)])
-        if faults:
-            return fault_at(row.place, "label", " Also, ".join(dict.fromkeys(faults)))
-        labels = list(map(self.label_of.__getitem__, row.ingredients))
-        if len(labels) == 1 and self.pieces.get(row.ingredients[0], 1) > 1:
-            labels *= 2
-        return Row(row.place, labels, self.label_of[row.result], row.kind, row.quantities)
-
-
 def read_labels(
-    rows: Sequence[Row],
-    fault: Callable[[str], str | None],
-    names: Iterable[Names] = (),
-    *,
-    is_given: bool = False,
-) -> FileLabels:
+    entries: Sequence[Entry], fault: Callable[[str], str | None], *, is_given: bool = False
+) -> tuple[list[Entry], int]:
     """Find the label of each text in the rows of a file.
 
     Args:
-        rows: recipes by the texts in their cells.
+        entries: recipes by the texts in their cells, and other entries.
         fault: returns why a text is no label, or None.
-        names: names by id, of each kind of ids that the file has.
         is_given: whether the user names the reading, so that numbers are labels.
-    """
-    uses = Counter(chain.from_iterable(row.ingredients for row in rows))
-    uses.update(row.result for row in rows)
-    labels = FileLabels()
-    name_of = _names_of(uses, names)
-    are_ids = any(map(is_number, name_of))
-    no_ids = {*name_of, *name_of.values()}
-    for text in uses:
-        name = name_of.get(text, text)
-        if are_ids and is_number(text) and text not in no_ids:
-            name = f"{NUMBER}{text}"
-        if is_given:
-            name = (name or text).removeprefix(NUMBER)
-        if name is None or name.startswith(NUMBER):
-            belongs = "belongs to several things" if name is None else "is the id of nothing here"
-            message = (
-                f"{text.removeprefix(NUMBER)[:80]!r} {belongs}; give names, or other columns with "
-                "--columns."
-            )
-        else:
-            labels.label_of[text] = name
-            message = fault(name) or ""
-        if message:
-            labels.faults[text] = message
-    _clean(labels, rows, uses)
-    return labels
-
-
-def _clean(labels: FileLabels, rows: Sequence[Row], uses: Counter[str]) -> None:
-    """Leave out what stands beside the labels, and count it."""
-    bare: dict[str, tuple[str, int]] = {}
-    for text, name in labels.label_of.items():
-        label = trim_unseen(name)
-        labels.trimmed += uses[text] * (label != name)
-        labels.label_of[text] = label
-        counted_label = count_in(label)
-        if counted_label:
-            bare[text] = counted_label
-        if not label:
-            labels.faults.setdefault(text, str(label_fault(label)))
-    if not _are_counts(bare, labels, rows, uses):
-        return
-    for text, (label, number) in bare.items():
-        labels.label_of[text] = label
-        labels.pieces[text] = number
-        labels.counts_dropped += uses[text] * (number != 1)
-
-
-def _are_counts(
-    bare: Mapping[str, tuple[str, int]], labels: FileLabels, rows: Sequence[Row], uses: Counter[str]
-) -> bool:
-    """Return whether a clear share of the cells has numbers of pieces.
-
-    In games of merging, ``sword (1) + sword (1) = sword (2)``, numbers belong to labels: without
-    them, rows would make what they are made of.
-    """
-    num_counted = sum(uses[text] for text in bare)
-    if num_counted < max(_CLEAR * uses.total(), 1):
-        return False
-    names = {**labels.label_of, **{text: label for text, (label, _) in bare.items()}}
-    label_of = {text: names.get(text, text) for text in uses}  # an id of nothing has no label
-    # A sign, or the same label with another number, or none; else such as 7 Up.
-    forms = Counter(label_of.values())
-    clear_texts = [text for text in bare if _SIGN.search(text) or forms[label_of[text]] > 1]
-    if sum(uses[text] for text in clear_texts) < _CLEAR * num_counted:
-        return False
-    with_counts = [
-        row for row in rows if not bare.keys().isdisjoint((*row.ingredients, row.result))
-    ]
-    mergers = [
-        row
-        for row in with_counts
-        if row.result not in row.ingredients
-        and label_of[row.result] in map(label_of.__getitem__, row.ingredients)
-    ]
-    return len(mergers) <= _MOST_MERGERS * len(with_counts)
-
-
-def _names_of(uses: Collection[str], tables: Iterable[Names]) -> Names:
-    """Return the names of texts that are ids; None for an id of several things."""
-    joined: dict[str, str | None] = {}
-    for table in tables:
-        if not table.keys().isdisjoint(uses):
-            for key, name in table.items():
-                joined[key] = name if joined.get(key, name) == name else None
-    # A text that is a name already stays, also if it is the id of something else.
-    names = set(joined.values())
-    # Ids stay if some have no name and names are used nowhere, so that no book has both.
-    if not names.isdisjoint(uses) or set(uses) <= joined.keys() | names:
-        return {text: joined[text] for text in uses if text in joined and text not in names}
-    return {}
-
-
-def names_by_id(things: Iterable[tuple[Any, Any]]) -> Names:
-    """Return names by id.
-
-    Args:
-        things: id and name of each thing.
 
     Returns:
-        The names; None where one id has several names. Empty if several ids have one name, so that
-        names would merge things.
+        The entries, with recipes by labels or their faults, and the number of cells with characters
+        at their ends that cannot be seen.
     """
-    names: dict[str, str | None] = {}
-    for identifier, name in things:
-        if identifier in (None, "") or not isinstance(name, str) or not name:
-            continue
-        keys = [str(identifier), f"{NUMBER}{identifier}"]
-        for key in keys if is_number(identifier) else keys[:1]:
-            names[key] = name if names.get(key, name) == name else None
-    single_names = [name for key, name in names.items() if name and not key.startswith(NUMBER)]
-    return {} if len(set(single_names)) < len(single_names) else names
+    rows = [entry for entry in entries if isinstance(entry, Row)]
+    uses = Counter(chain.from_iterable(row.ingredients for row in rows))
+    uses.update(row.result for row in rows)
+    label_of: dict[str, str] = {}
+    faults: dict[str, str] = {}
+    trimmed = 0
+    for text, number in uses.items():
+        name = text.removeprefix(NUMBER)
+        label_of[text] = trim_unseen(name)
+        trimmed += number * (label_of[text] != name)
+        message = fault(label_of[text])
+        if name != text and not is_given:
+            message = f"{name[:80]!r} is a number; give names, or other columns with --columns."
+        if message:
+            faults[text] = message
+    labelled: list[Entry] = []
+    for entry in entries:
+        if isinstance(entry, Row):
+            texts = (*entry.ingredients, entry.result)
+            messages = [faults[text] for text in texts if text in faults]
+            if entry.kind:
+                messages += filter(None, [label_fault(entry.kind)])
+            if messages:
+                message = " Also, ".join(dict.fromkeys(messages))
+                entry = fault_at(entry.place, "label", message)
+            else:
+                *ingredients, result = map(label_of.__getitem__, texts)
+                entry = Row(entry.place, ingredients, result, entry.kind)
+        labelled.append(entry)
+    return labelled, trimmed
 
 
 # --- labels in forms that are not read -----------------------------------------------------------
@@ -525,6 +382,9 @@ def odd_label(rows: Sequence[Row]) -> str:
     """
     ingredients = Counter(chain.from_iterable(row.ingredients for row in rows))
     results = Counter(row.result for row in rows)
+    pieces = _pieces_in(ingredients, results)
+    if pieces:
+        return f"{pieces[:80]!r} holds a number of pieces"
     for form, pattern in _FORMS.items():
         odd = [_often(pattern, labels) for labels in (ingredients, results)]
         is_in_names = bool(odd[1]) and form in _IN_NAMES
@@ -542,6 +402,25 @@ def odd_label(rows: Sequence[Row]) -> str:
     signs = [cell for cell in results if not any(map(str.isalnum, cell))]
     if len(signs) > len(results) / 2 and any(bare):
         return f"{signs[0][:80]!r} is a sign, and ingredients are words"
+    return ""
+
+
+def _pieces_in(*columns: Counter[str]) -> str:
+    """Return a label with a number of pieces, if many cells of a column have one; else none.
+
+    A number such as in 7 Up is part of a name: it has no sign, and no other number or none stands
+    beside the same word.
+    """
+    counted_labels = {text: count_in(text) for text in set().union(*columns)}
+    forms = Counter(label[0] if label else text for text, label in counted_labels.items())
+    with_counts = {text: label for text, label in counted_labels.items() if label}
+    is_clear = any(
+        _TIMES.search(text) or forms[label] > 1 for text, (label, _) in with_counts.items()
+    )
+    for uses in columns:
+        in_column = [text for text in uses if text in with_counts]
+        if is_clear and sum(map(uses.__getitem__, in_column)) >= max(_MANY * uses.total(), 1):
+            return in_column[0]
     return ""
 
 

@@ -15,7 +15,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from functools import partial
 from itertools import chain, count, islice, product
 from operator import itemgetter
 from pathlib import Path as FilePath
@@ -26,15 +26,15 @@ from msgspec.structs import replace
 
 from wordcraft_kg.base import ConfigError, listed, nearest
 from wordcraft_kg.graphs.book_files.cells import (
-    Names,
+    NUMBER,
     cell_fault,
     exact_fault,
     find_joiner,
     is_number,
     labels_in,
-    names_by_id,
     read_labels,
     rows_of_raw,
+    trim_unseen,
 )
 from wordcraft_kg.graphs.book_files.rows import (
     INFINITE_CRAFT_BASE,
@@ -47,6 +47,7 @@ from wordcraft_kg.graphs.book_files.rows import (
     Raw,
     Row,
     fault_at,
+    is_infinite_craft,
     refusal,
     without_nothing,
 )
@@ -55,22 +56,16 @@ from wordcraft_kg.graphs.book_files.words import (
     COUNT,
     CSV_HEADER,
     EACH,
-    ID,
     INGREDIENT,
     KEY,
     KIND,
     LOOPS,
-    NAME,
-    QUANTITIES,
     VALUES,
     Path,
     Way,
     has_role,
     is_documented,
-    is_id,
-    is_name,
     is_plain,
-    name_rank,
     ways_by_words,
     words_of,
 )
@@ -142,8 +137,7 @@ def read_document(
         allows_single: see :func:`~wordcraft_kg.graphs.book_files.rule.choose`.
 
     Raises:
-        RecipeFileError: if the document has no reading that the rule takes, with all readings as
-            commands.
+        RecipeFileError: if the document has no reading that the rule takes.
         ConfigError: if ``columns`` lead nowhere.
     """
     _take_base(path, document, source)
@@ -152,14 +146,7 @@ def read_document(
     if not value or not isinstance(value, list | dict):
         return source
     if source.is_exact:
-        source.numbered = _numbered(document)
-        # Row by row only if somebody asks.
-        rows = _exact_rows(document)
-        is_at_once = source.numbered is not None
-        source.entries = rows if is_at_once else sorted(rows, key=itemgetter(0))
-        columns_read = [name for name in value[0] if name not in (KIND, QUANTITIES)]
-        source.reading = replace(source.reading, columns=tuple(columns_read))
-        return source
+        return _read_exact(document, source)
     cells: Columns = {}
     if document.is_table:
         cells = {(EACH, f".{name}"): [row[name] for row in value] for name in value[0]}
@@ -168,35 +155,32 @@ def read_document(
     anchor = "table" if document.is_table else "json"
     if len(cells) > _MOST_COLUMNS:
         raise refusal(path, f"{len(cells):,} different keys, more than {_MOST_COLUMNS:,}", anchor)
-    read_candidate = partial(_candidate, document, source, cells, _names(value), fold=fold)
+    read_candidate = partial(_candidate, document, source, cells, fold=fold)
     if columns is not None:
         best = read_candidate(_given(document, columns, cells), is_given=True)
     else:
-        ways = list(islice(_ways(cells), _MOST_WAYS))
-        documented = [read_candidate(way) for way in ways if way.is_documented]
-        guesses = (read_candidate(way) for way in ways if not way.is_documented)
-        choice = choose(path, documented, guesses, anchor, allows_single=allows_single)
-        if choice is None:
-            shown = _shown_paths(cells, is_table=document.is_table)
-            raise refusal(
-                path,
-                f"no documented words name ingredients and a result; {shown}",
-                anchor,
-                "Name them with --columns.",
-            )
-        best = choice
+        candidates = list(map(read_candidate, islice(_ways(cells), _MOST_WAYS)))
+        shown = _shown_paths(cells, is_table=document.is_table)
+        best = choose(path, candidates, anchor, shown, allows_single=allows_single)
     source.entries = best.entries
     source.reading = best.reading
-    best.texts.finish(source)
-    # Nothing is no result where labels tell that the game is Infinite Craft.
-    every_text = set(chain.from_iterable(row.ingredients for row in best.rows))
-    for column in cells.values():
-        every_text.update(cell for cell in column if isinstance(cell, str))
-    if every_text.issuperset(INFINITE_CRAFT_BASE):
+    if is_infinite_craft(best.entries):
         source.entries = without_nothing(best.entries)
         # Saves list items with emoji; another table or list may have these labels by chance.
         if not source.base and any(path[-1:] in ((".text",), (".emoji",)) for path in cells):
             source.base = dict.fromkeys(INFINITE_CRAFT_BASE, "items")
+    return source
+
+
+def _read_exact(document: Document, source: FileRows) -> FileRows:
+    """Take the recipes of our own table, whose cells are labels as they stand."""
+    source.numbered = _numbered(document)
+    # Row by row only if somebody asks.
+    rows = _exact_rows(document)
+    is_at_once = source.numbered is not None
+    source.entries = rows if is_at_once else sorted(rows, key=itemgetter(0))
+    columns = [name for name in document.value[0] if name != KIND]
+    source.reading = replace(source.reading, columns=tuple(columns))
     return source
 
 
@@ -220,7 +204,7 @@ def _take_base(path: FilePath, document: Document, source: FileRows) -> None:
     value = document.value
     base = value.get("base") if isinstance(value, dict) else None
     if isinstance(base, list) and all(isinstance(label, str) for label in base):
-        source.base = {check_label(label, f"{path}: base"): "base" for label in base}
+        source.base = {check_label(trim_unseen(label), f"{path}: base"): "base" for label in base}
         document.value = {key: member for key, member in value.items() if key != "base"}
 
 
@@ -442,43 +426,6 @@ def _are_records(objects: Sequence[dict[str, Any]]) -> bool:
     return bool(documented_keys) and 2 * len(words) >= len(counts)
 
 
-def _names(value: Any) -> list[Names]:
-    """Return names by id, slug or emoji, for each kind of ids beside names in a document."""
-    things: dict[str, list[tuple[Any, Any]]] = {}
-    for record in _objects(value):
-        for id_key, name_key in _ids_and_names(tuple(record)):
-            things.setdefault(id_key, []).append((record[id_key], record[name_key]))
-        if all(map(str.isdecimal, record)):
-            things.setdefault(KEY, []).extend(record.items())
-    return list(map(names_by_id, things.values()))
-
-
-def _objects(value: Any) -> Iterator[dict[str, Any]]:
-    """Yield all objects in a value of JSON."""
-    values = [value]
-    while values:
-        inner = values.pop()
-        if isinstance(inner, dict):
-            yield inner
-        members = inner.values() if isinstance(inner, dict) else inner
-        values += [member for member in members if isinstance(member, list | dict)]
-
-
-@lru_cache(maxsize=1_000)
-def _ids_and_names(keys: tuple[str, ...]) -> list[tuple[str, str]]:
-    """Return the keys of an object that hold an id, each with that of the same thing's name."""
-    pairs = []
-    for id_key in filter(is_id, keys):
-        # Such as Parent 1 ID and Parent 1 Name.
-        thing = words_of(id_key) - ID - _NAME_WORDS
-        names = [key for key in keys if is_name(key) and words_of(key) - _NAME_WORDS == thing]
-        pairs += [(id_key, min(names, key=name_rank))] if names else []
-    return pairs
-
-
-_NAME_WORDS = frozenset(NAME)
-
-
 def _shown_paths(cells: Columns, *, is_table: bool) -> str:
     names = [path_text(path, is_table)[:80] or EACH for path in cells][:_MOST_PATHS]
     if all(map(str.isdecimal, names)):
@@ -496,7 +443,6 @@ def _ways(cells: Columns) -> Iterator[Way]:
     for path in cells:
         if path[-1:] == (VALUES,) and (*path, KEY) in cells:
             yield from _ways_by_keys(cells, path)
-    yield from _orders(cells)
 
 
 def _ways_by_keys(cells: Columns, path: Path) -> Iterator[Way]:
@@ -506,10 +452,10 @@ def _ways_by_keys(cells: Columns, path: Path) -> Iterator[Way]:
     pairs = list(chain.from_iterable(cell for cell in cells[path] if isinstance(cell, list)))
     texts = chain(chain.from_iterable(labels_in(pair, {}) or () for pair in pairs), cells[path])
     if all(are_lists) and all(isinstance(pair, list) for pair in pairs):
-        is_label = _are_labels(cells[key], len(pairs), texts)
-        yield Way((path,), (key,), is_named=False, is_documented=is_label)
+        if _are_labels(cells[key], len(pairs), texts):
+            yield Way((path,), (key,), is_named=False)
         if set(map(len, pairs)) == {2}:
-            # Or a partner and what it makes.
+            # Or a partner and what it makes: a guess that refuses the other reading.
             partner, made = ((*path, EACH, f"[{place}]") for place in range(2))
             yield Way((key, partner), (made,), is_documented=False)
     elif (
@@ -518,10 +464,6 @@ def _ways_by_keys(cells: Columns, path: Path) -> Iterator[Way]:
         and _are_labels(cells[(*path[:-1], KEY)], len(cells[path]), chain(cells[key], texts))
     ):
         yield Way(((*path[:-1], KEY), key), (path,), is_named=False)
-    else:
-        # Labels below a key may be anything about it.
-        yield Way((path,), (key,), is_documented=False)
-        yield Way((key,), (path,), is_documented=False)
 
 
 def _are_labels(keys: Sequence[str], num_recipes: int, texts: Iterable[Any]) -> bool:
@@ -537,22 +479,6 @@ def _are_labels(keys: Sequence[str], num_recipes: int, texts: Iterable[Any]) -> 
     return not set(keys).isdisjoint(text for text in texts if isinstance(text, str))
 
 
-def _orders(cells: Columns) -> Iterator[Way]:
-    """Yield the orders of three columns, or of lists of three, whose names say nothing."""
-    columns = [path for path in cells if path[:1] == (EACH,) and path[1:] == path[-1:]]
-    columns = [path for path in columns if is_plain(path[-1][1:])]
-    columns = [path for path in columns if not all(map(is_number, cells[path]))]
-    is_unnamed = all(path[-1:] and path[-1][1:].isdecimal() for path in cells)
-    rows = cells.get((), ())
-    if rows and all(isinstance(row, list) and len(row) == 3 for row in chain.from_iterable(rows)):
-        columns = [(EACH, f"[{place}]") for place in range(3)]
-        is_unnamed = not any(isinstance(name, str) and is_documented(name) for name in rows[0][0])
-    if len(columns) == 3 and not any(is_name(path[-1][1:]) for path in columns):
-        a, b, c = columns
-        for first, second, result in ((a, b, c), (b, c, a), (a, c, b)):
-            yield Way((first, second), (result,), False, False, is_order=is_unnamed)
-
-
 # --- the recipes of a way ------------------------------------------------------------------------
 
 
@@ -560,7 +486,6 @@ def _candidate(
     document: Document,
     source: FileRows,
     cells: Columns,
-    names: Sequence[Names],
     way: Way,
     *,
     is_given: bool = False,
@@ -568,11 +493,10 @@ def _candidate(
 ) -> ReadingCandidate:
     """Return the recipes of a way to read a document."""
     way_paths = (*way.parts, *way.results)
-    facts = [(*way.parts[0][:-1], f".{name}") for name in (KIND, QUANTITIES)]
-    facts = [path for path in facts if path in cells and path not in way_paths]
-    read_paths = {path[:end] for path in (*way_paths, *facts) for end in range(len(path) + 1)}
+    kind_path = (*way.parts[0][:-1], f".{KIND}")
+    read_paths = {path[:end] for path in (*way_paths, kind_path) for end in range(len(path) + 1)}
     ignored_paths = [path for path in cells if path not in read_paths and path[-1:] != (KEY,)]
-    raws = list(_raws(document, way, facts))
+    raws = list(_raws(document, way, has_kinds=kind_path in cells and kind_path not in way_paths))
     joiner: str | None = ""
     if len(way.parts) == 1:
         raws = list(chain.from_iterable(_without_lists(raw, way) for raw in raws))
@@ -585,25 +509,21 @@ def _candidate(
             raws = [raw._replace(parts=[part]) for raw in raws for part in filter(None, raw.parts)]
     beside: dict[str, list[Any]] = {}
     entries = list(document.others)
-    several_outputs = 0
     for raw in raws:
-        row_entries = list(rows_of_raw(raw, joiner, beside))
-        several_outputs += len(row_entries) > 1
-        entries += row_entries
+        entries += rows_of_raw(raw, joiner, beside)
     if document.is_table:
         entries.sort(key=itemgetter(0))
     rows = [entry for entry in entries if isinstance(entry, Row)]
-    # Numbers are no results, unless they are names or ids.
-    numbers = {row.result for row in rows if is_number(row.result)}
-    numbers.difference_update(*names)
-    if rows and not is_given and all(row.result in numbers for row in rows):
-        message = "is a number; a result is a name. If it is one, name the columns with --columns."
-        entries = []
-        if way.is_named:
-            entries += (fault_at(row.place, "label", f"{row.result!r} {message}") for row in rows)
-        rows = []
-    labels = read_labels(rows, document.fault, names, is_given=is_given)
+    # Numbers alone are ids or amounts.
+    for texts in ([row.ingredients[0] for row in rows], [row.result for row in rows]):
+        if rows and not is_given and all(map(is_number, texts)):
+            number = texts[0].removeprefix(NUMBER)
+            message = f"{number!r} is a number, no name. If it is one, name it with --columns."
+            entries = [fault_at(rows[0].place, "label", message)] if way.is_named else []
+    entries, trimmed = read_labels(entries, document.fault, is_given=is_given)
     beside |= {path_text(path, document.is_table): cells[path] for path in ignored_paths}
+    ingredients = set(chain.from_iterable(row.ingredients for row in rows))
+    texts_beside = (text for text in chain.from_iterable(beside.values()) if isinstance(text, str))
     counts = (values for name, values in beside.items() if words_of(name) & COUNT)
     return ReadingCandidate(
         way,
@@ -613,10 +533,10 @@ def _candidate(
             num_results=len(way.results),
             ignored=tuple(sorted(beside)),
             counts_dropped=sum(number not in ("", "1", 1) for number in chain(*counts)),
-            several_outputs=several_outputs,
+            trimmed=source.reading.trimmed + trimmed,
         ),
-        entries=[labels.row(entry) if isinstance(entry, Row) else entry for entry in entries],
-        texts=labels,
+        entries,
+        names_ingredients_elsewhere=not ingredients.isdisjoint(texts_beside),
         fold=fold,
     )
 
@@ -637,22 +557,19 @@ def _without_lists(raw: Raw, way: Way) -> Iterator[Raw]:
         yield raw._replace(parts=cells)
 
 
-def _raws(document: Document, way: Way, facts: Sequence[Path]) -> Iterator[Raw]:
-    """Yield the rows at the paths of a way, those of records with kinds and quantities."""
+def _raws(document: Document, way: Way, *, has_kinds: bool) -> Iterator[Raw]:
+    """Yield the rows at the paths of a way, those of records with kinds if there are any."""
     paths = (*way.parts, *way.results)
     if all(len(path) == 2 and path[0] == EACH and path[1].startswith(".") for path in paths):
         # Flat records, many times faster.
-        parts, result_names, fact_names = (
-            [p[-1][1:] for p in column_paths] for column_paths in (way.parts, way.results, facts)
-        )
+        parts = [path[-1][1:] for path in way.parts]
+        result_names = [path[-1][1:] for path in way.results]
         places: Iterable[Place] = document.places or map("[{}]".format, count())
         for place, row in zip(places, document.value, strict=False):
             if isinstance(row, dict):
                 cells = [row[name] for name in parts if name in row]
                 results = [row[name] for name in result_names if name in row]
-                yield Raw(
-                    place, cells, results, **{name: str(row.get(name) or "") for name in fact_names}
-                )
+                yield Raw(place, cells, results, str(row.get(KIND) or "") if has_kinds else "")
         return
     # Each of several places, such as [0] and [1], is filled.
     steps = set(chain.from_iterable(way.parts if len(way.parts) > 1 else ()))
@@ -666,15 +583,15 @@ def _exact_rows(document: Document) -> Iterator[Entry]:
     """Yield the recipes of our own table, whose cells are labels as they stand, and all faults."""
     yield from document.others
     for place, record in zip(document.places, document.value, strict=True):
-        facts = {name: record[name] for name in (KIND, QUANTITIES) if name in record}
-        *parts, result = (cell for name, cell in record.items() if name not in facts)
+        *parts, result = (cell for name, cell in record.items() if name != KIND)
         labels = [*filter(None, parts), result]
         faults = list(filter(None, map(exact_fault, labels)))
-        if record.get(KIND):
-            faults += filter(None, [label_fault(record[KIND])])
+        kind = record.get(KIND, "")
+        if kind:
+            faults += filter(None, [label_fault(kind)])
         if len(labels) < 2 or not result:
             yield LeftOut(place, WITHOUT)
         elif faults:
             yield Fault(place, "label", " Also, ".join(dict.fromkeys(faults)))
         else:
-            yield Row(place, labels[:-1], result, **facts)
+            yield Row(place, labels[:-1], result, kind)

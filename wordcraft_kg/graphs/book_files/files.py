@@ -1,8 +1,7 @@
 """The bytes and the text of a recipe book: files and folders, gzip and zip, encodings, JSON.
 
-Nothing is unpacked to the disk. Files that cannot be recipe books are named by their first bytes
-or the signs of other text formats. No encoding is guessed: many fit the same bytes, and give other
-labels.
+Nothing is unpacked to the disk. Files that cannot be recipe books are named by their first bytes.
+No encoding is guessed: many fit the same bytes, and give other labels.
 """
 
 import codecs
@@ -59,7 +58,6 @@ class Content:
         pack: names and bytes of the JSON files of a data pack; None for any other file.
         text: the text, without a byte order mark; empty for a data pack.
         encoding: name of its encoding; empty for a data pack.
-        has_mark: whether the bytes began with a byte order mark.
     """
 
     name: str
@@ -68,7 +66,6 @@ class Content:
     pack: tuple[tuple[str, bytes], ...] | None = None
     text: str = ""
     encoding: str = ""
-    has_mark: bool = False
 
 
 def read_bytes(path: Path) -> bytes:
@@ -149,8 +146,8 @@ def read_content(path: Path, encoding: str | None = None) -> Content:
     for signature, kind in _SIGNATURES.items():
         if data.startswith(signature):
             raise refusal(path, f"it is {kind}", "table")
-    text, used_encoding, has_mark = _decode(path, data, encoding)
-    return Content(name, sha256, container, None, text, used_encoding, has_mark)
+    text, used_encoding = _decode(path, data, encoding)
+    return Content(name, sha256, container, None, text, used_encoding)
 
 
 def _error(message: str) -> RecipeFileError:
@@ -233,27 +230,13 @@ _MARKS = {
     codecs.BOM_UTF16_LE: "utf-16",
     codecs.BOM_UTF16_BE: "utf-16",
 }
+
+
 _NOT_OF_FILES = frozenset(
     {"punycode", "idna", "unicode_escape", "raw_unicode_escape", "undefined", "mbcs", "oem"}
     | {"unicode-escape", "raw-unicode-escape"}
 )
 """Python's encodings of names and source code, not of files."""
-_SAMPLE = 2**16  # characters at the start of a text
-_FORMATS = {
-    "HTML": r"\A\s*<(?:!doctype html|html|head|body|table|div|ul|ol|p)\b",
-    "XML": r"\A\s*<[?!\w]",
-    "SQL": r"^\s*(?:INSERT\s+INTO|CREATE\s+TABLE)\b",
-    "a table of MediaWiki": r"\A\s*\{\|",
-    "a table of DokuWiki": r"\A\s*\^.+\^\s*$",
-    "a table of Jira": r"\A\s*\|\|.+\|\|\s*$",
-    "a table that a database printed": r"^\s*(?:\+-[+-]+\+|-+\+-[+-]+)\s*$",
-    "a table of reStructuredText": r"^={2,} +={2,}[ =]*$",
-    "LaTeX": r"\\(?:begin|end)\{",
-    "program code": r"^\s*(?:const|let|var|function|def|class|import|local) ",
-    "TOML": r"^\s*\[{1,2}[\w.\"' -]+\]{1,2}\s*$",
-    "YAML": r"^(?:---\s*$|[^\s,:;|]+:\s*(?:[\[{|>].*)?$|\s*- [^,;|]+:)",
-}
-"""Signs of formats, the more certain ones first."""
 
 
 def check_encoding(encoding: str | None) -> None:
@@ -278,8 +261,8 @@ def check_encoding(encoding: str | None) -> None:
         )
 
 
-def _decode(path: Path, data: bytes, encoding: str | None) -> tuple[str, str, bool]:
-    """Return a file's text, its encoding, and whether the bytes begin with a byte order mark.
+def _decode(path: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
+    """Return a file's text, without a byte order mark, and its encoding.
 
     Args:
         path: the file, for errors.
@@ -317,19 +300,7 @@ def _decode(path: Path, data: bytes, encoding: str | None) -> tuple[str, str, bo
         raise refusal(path, "two byte order marks", "encodings", "Remove them.")
     if not text.strip():
         raise RecipeFileError(f"{path} is empty; a recipe book needs at least one recipe.")
-    return text, name, bool(mark)
-
-
-def foreign_format(text: str) -> str | None:
-    r"""Return the format of a text that is neither a table nor lines nor JSON, or None.
-
-    Example:
-        >>> foreign_format("mud:\n  - [water, earth]"), foreign_format("a,b,c")
-        ('YAML', None)
-    """
-    sample = text[:_SAMPLE]
-    flags = re.IGNORECASE | re.MULTILINE
-    return next((name for name, sign in _FORMATS.items() if re.search(sign, sample, flags)), None)
+    return text, name
 
 
 # --- JSON ----------------------------------------------------------------------------------------
@@ -369,12 +340,12 @@ def load_json(path: Path, text: str) -> tuple[Any, bool]:
     return [parsed_json(path, line, number) for number, line in lines if line.strip()], True
 
 
-def parsed_json(path: Path | str, text: str, line: int | None = None) -> Any:
+def parsed_json(path: Path | str, text: str | bytes, line: int | None = None) -> Any:
     """Parse one JSON value; an object with a key twice is refused, where Python drops the first.
 
     Args:
         path: the file, for errors.
-        text: the value.
+        text: the value; bytes may begin with a byte order mark.
         line: number of the text's line in the file; None for a text that is the whole file.
 
     Raises:
@@ -388,7 +359,7 @@ def parsed_json(path: Path | str, text: str, line: int | None = None) -> Any:
         raise RecipeFileError(f"{path}, {position}: not JSON ({error.msg}).") from None
     except RecursionError:
         raise RecipeFileError(f"{path}: nested too deeply for a recipe book.") from None
-    except ValueError as error:  # such as a number of thousands of digits
+    except ValueError as error:  # such as a number of thousands of digits, or another encoding
         raise RecipeFileError(f"{path}: not a recipe book ({error}).") from None
 
 

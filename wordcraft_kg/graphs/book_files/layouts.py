@@ -1,4 +1,4 @@
-"""Formats of their own: our JSON, the paper's, dumps of Infinite Craft, packs of Minecraft.
+"""Formats of their own: our JSON, the paper's, Infinite Craft, packs of Minecraft.
 
 In a pack a pattern becomes the set of its ingredients, of two pieces a pair; where one of several
 items may be used, each choice is a recipe. A tag that the pack defines stands for its members,
@@ -24,7 +24,6 @@ from wordcraft_kg.graphs.book_files.rows import (
     refusal,
     without_nothing,
 )
-from wordcraft_kg.graphs.book_files.words import QUANTITIES
 from wordcraft_kg.graphs.recipes import NOTHING, Reading, check_label, label_fault, shown
 
 
@@ -40,11 +39,6 @@ def known_layout(path: Path, document: Any) -> FileRows | None:
     """
     if not isinstance(document, dict):
         return None
-    if isinstance(document.get("incidences"), list):
-        raise RecipeFileError(
-            f"{path}: a hypergraph (HIF), which is written and not read. Write its recipes as a "
-            "table with the columns ingredient_a, ingredient_b, ... and result."
-        )
     entities, recipes, items = (document.get(key) for key in ("entities", "recipes", "items"))
     if isinstance(entities, list) and isinstance(recipes, list):
         return _our_layout(path, document)
@@ -53,11 +47,25 @@ def known_layout(path: Path, document: Any) -> FileRows | None:
             isinstance(thing, dict) and "recipes" in thing for thing in entities.values()
         )
         return _official_layout(path, entities) if are_things else None
-    if isinstance(items, list) and isinstance(recipes, list) and items and recipes:
-        # By type: true and false are instances of int, but no indices.
-        forms = {isinstance(row, list) and tuple(map(type, row)) for row in recipes}
-        return _dump(path, items, recipes) if forms == {(int, int, int)} else None
-    return None
+    if not isinstance(items, list) or not items:
+        return None
+    rows = recipes if isinstance(recipes, list) else _saved_rows(items)
+    # By type: true and false are instances of int, but no indices.
+    forms = {isinstance(row, list) and tuple(map(type, row)) for row in rows}
+    return _dump(path, items, rows) if forms == {(int, int, int)} else None
+
+
+def _saved_rows(items: Sequence[Any]) -> list[Any]:
+    """Return the rows of indices in a save, whose items have an id, and recipes by ids; or none."""
+    rows: list[Any] = []
+    try:
+        index_of = {item["id"]: index for index, item in enumerate(items)}
+        for index, item in enumerate(items):
+            pairs = item.get("recipes") or ()
+            rows += ([*map(index_of.__getitem__, pair), index] for pair in pairs)
+    except (KeyError, TypeError):
+        return []
+    return rows
 
 
 def _our_layout(path: Path, document: Mapping[str, Any]) -> FileRows:
@@ -67,18 +75,14 @@ def _our_layout(path: Path, document: Mapping[str, Any]) -> FileRows:
         raise RecipeFileError(
             f"{path}: 'base' is {type(base).__name__}; expected a list of labels or null."
         )
-    facts = []
-    for name, noun in (("kinds", "a kind"), (QUANTITIES, "quantities")):
-        texts = document.get(name)
-        if texts is not None and (not isinstance(texts, list) or len(texts) != len(rows)):
-            raise RecipeFileError(
-                f'{path}: {name} is {shown(texts)}; expected a list with {noun}, or "", for each '
-                "recipe."
-            )
-        facts.append(texts or repeat(""))
+    kinds = document.get("kinds")
+    if kinds is not None and (not isinstance(kinds, list) or len(kinds) != len(rows)):
+        raise RecipeFileError(
+            f'{path}: kinds is {shown(kinds)}; expected a list with a kind, or "", for each recipe.'
+        )
     source = _listing("our own JSON", path, document["entities"], base)
     places = (f"recipes[{index}]" for index in range(len(rows)))
-    raws = zip(places, rows, *facts, strict=False)
+    raws = zip(places, rows, kinds or repeat(""), strict=False)
     source.entries = list(_exact(raws, source.listed, "[ingredient, ingredient, result]"))
     return source
 
@@ -86,15 +90,15 @@ def _our_layout(path: Path, document: Mapping[str, Any]) -> FileRows:
 def _official_layout(path: Path, entities: Mapping[str, Mapping[str, Any]]) -> FileRows:
     """Read the layout of the paper's code: pairs below each entity."""
     source = _listing("the paper's JSON", path, list(entities), None)
-    raws: list[tuple[str, Any]] = []
+    raws: list[tuple[str, Any, str]] = []
     for result, entry in entities.items():
         place = f"entities['{result}'].recipes"
         pairs = entry["recipes"]
         if isinstance(pairs, list):
             rows = ([*pair, result] if isinstance(pair, list) and pair else pair for pair in pairs)
-            raws += ((f"{place}[{index}]", row) for index, row in enumerate(rows))
+            raws += ((f"{place}[{index}]", row, "") for index, row in enumerate(rows))
         else:
-            raws.append((place, pairs))
+            raws.append((place, pairs, ""))
     source.entries = list(_exact(raws, source.listed, "a list of ingredients"))
     return source
 
@@ -127,34 +131,37 @@ def _unknown(label: Any, listed_labels: Mapping[str, Any]) -> str | None:
 
 
 def _exact(
-    raws: Iterable[tuple[Any, ...]], listed_labels: Mapping[str, Any], expected: str
+    raws: Iterable[tuple[str, Any, Any]], listed_labels: Mapping[str, Any], expected: str
 ) -> Iterator[Entry]:
-    """Yield the recipes of rows of labels that a file lists, with their kinds and quantities."""
-    for place, row, *facts in raws:
+    """Yield the recipes of rows of labels that a file lists, with their kinds."""
+    for place, row, kind in raws:
         if not isinstance(row, list) or len(row) < 2:
             yield Fault(place, "row", f"{place} is {shown(row)}; expected {expected}.", "own row")
             continue
         faults = [_unknown(label, listed_labels) for label in row]
-        faults += [label_fault(fact) for fact in facts if fact != ""]
+        faults += [label_fault(kind)] if kind != "" else []
         fault = next(filter(None, faults), None)
         if fault is None:
-            yield Row(place, row[:-1], row[-1], *facts)
+            yield Row(place, row[:-1], row[-1], kind)
         else:
             yield Fault(place, "label", f"{place}: {fault}")
 
 
 def _dump(path: Path, items: Sequence[Any], rows: Sequence[Sequence[int]]) -> FileRows:
-    """Read a dump of Infinite Craft: rows of indices of two ingredients, and of the result."""
+    """Read Infinite Craft: rows of indices of two ingredients, and of the result."""
     labels = [
         item.get("text", item.get("name")) if isinstance(item, dict) else item for item in items
     ]
-    names = [check_label(trim_unseen(label), f"{path}: items") for label in map(str, labels)]
+    names = []
+    for label in labels:
+        text = trim_unseen(label) if isinstance(label, str) else label
+        names.append(check_label(text, f"{path}: items"))
     for place in chain.from_iterable(rows):
         if not 0 <= place < len(names):
             raise refusal(
                 path, f"the index {place:,} in recipes, of {len(names):,} items", "infinite-craft"
             )
-    source = FileRows(Reading(shape="a dump of Infinite Craft"), is_exact=True)
+    source = FileRows(Reading(shape="Infinite Craft"), is_exact=True)
     source.listed = {name: "items" for name in names if name != NOTHING}
     if source.listed.keys() >= set(INFINITE_CRAFT_BASE):
         source.base = dict.fromkeys(INFINITE_CRAFT_BASE, "items")
@@ -181,15 +188,18 @@ def read_pack(files: Iterable[tuple[str, bytes]]) -> FileRows:
 
     Args:
         files: names and bytes of its JSON files: recipes, and tags of items.
+
+    Raises:
+        RecipeFileError: if a file is no object of JSON.
     """
     tags: Tags = {}
     recipes: list[tuple[str, Any]] = []
     for name, data in files:
-        value = _parsed(name, data)
+        value = _object_in(name, data)
         parts = PurePosixPath(name).with_suffix("").parts
         if "tags" not in parts:
             recipes.append((name, value))
-        elif isinstance(value, dict) and isinstance(value.get("values"), list):
+        elif isinstance(value.get("values"), list):
             # data/demo/tags/items/planks is the tag demo:planks; below tags is the registry.
             at = parts.index("tags")
             tag = f"{parts[at - 1]}:{'/'.join(parts[at + 2 :])}"
@@ -210,24 +220,16 @@ def read_pack(files: Iterable[tuple[str, bytes]]) -> FileRows:
     )
 
 
-def _parsed(name: str, data: bytes) -> Any:
-    """Return the value in a file, or the file's fault."""
-    try:
-        # Some editors write a byte order mark, which the game reads over.
-        value = parsed_json(name, data.decode("utf-8-sig"))
-    except RecipeFileError as error:
-        return Fault(name, "row", str(error), "not JSON")
-    except ValueError as error:
-        return Fault(name, "row", f"{name}: not JSON ({type(error).__name__}).", "not JSON")
-    if isinstance(value, dict):
-        return value
-    return Fault(name, "row", f"{name} is {shown(value)}; expected an object.", "not an object")
+def _object_in(name: str, data: bytes) -> dict[str, Any]:
+    """Return the object in a file of a pack."""
+    value = parsed_json(name, data)
+    if not isinstance(value, dict):
+        raise RecipeFileError(f"{name} is {shown(value)}; expected an object.")
+    return value
 
 
-def _recipes(tags: Tags, name: str, value: Any) -> tuple[list[Entry], int]:
+def _recipes(tags: Tags, name: str, value: dict[str, Any]) -> tuple[list[Entry], int]:
     """Return the recipes in a file, and how many numbers of pieces they do not keep."""
-    if isinstance(value, Fault):
-        return [value], 0
     parts = _parts(value)
     result: Any = next(filter(None, map(value.get, _RESULT_KEYS)), [])
     results = result if isinstance(result, list) else [result]

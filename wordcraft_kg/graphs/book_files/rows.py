@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -39,14 +40,12 @@ class Raw(NamedTuple):
         parts: cells or values of JSON with the ingredients.
         results: those with the results.
         kind: kind of reasoning.
-        quantities: a number for each ingredient, with blanks between; empty without them.
     """
 
     place: Place
     parts: Sequence[Any]
     results: Sequence[Any]
     kind: str = ""
-    quantities: str = ""
 
 
 class Row(NamedTuple):
@@ -57,14 +56,12 @@ class Row(NamedTuple):
         ingredients: one or more labels.
         result: label of what they make.
         kind: kind of reasoning; empty without one.
-        quantities: a number for each ingredient, with blanks between; empty without them.
     """
 
     place: Place
     ingredients: Sequence[str]
     result: str
     kind: str = ""
-    quantities: str = ""
 
 
 class Fault(NamedTuple):
@@ -151,6 +148,13 @@ def fault_at(place: Place, kind: str, message: str, group: str = "") -> Fault:
     """
     prefix = f"{place}: " if isinstance(place, str) else ""
     return Fault(place, kind, prefix + message, group)
+
+
+def is_infinite_craft(entries: Iterable[Entry]) -> bool:
+    """Return whether labels tell that the game is Infinite Craft: its base is among ingredients."""
+    rows = (entry for entry in entries if isinstance(entry, Row))
+    labels = set(chain.from_iterable(row.ingredients for row in rows))
+    return labels.issuperset(INFINITE_CRAFT_BASE)
 
 
 def without_nothing(entries: Iterable[Entry]) -> list[Entry]:

@@ -1,19 +1,19 @@
-"""The rule by which a way to read a file is taken, or the file refused with all ways as commands.
+"""The rule by which a way to read a file is taken, or the file refused with the ways as commands.
 
 A reading is taken if its keys are documented words, and its book hangs together: results are
 ingredients elsewhere. Of 22 right readings of public files 20 reuse at least .08 of their results,
-of 12 wrong ones 11 at most .04. A book of few results may reuse none; it must have no second
-reading that does. A reading that the user names is taken at their word.
+of 12 wrong ones 11 at most .04. A book of few results may reuse none, if no other column may hold
+the results. A reading that the user names is taken at their word.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
 
 from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.graphs.book_files.cells import FileLabels, is_number, odd_label
+from wordcraft_kg.graphs.book_files.cells import is_number, odd_label
 from wordcraft_kg.graphs.book_files.rows import Entry, Fault, Row, refusal
 from wordcraft_kg.graphs.book_files.words import Way, is_name, words_of
 from wordcraft_kg.graphs.recipes import Reading
@@ -27,32 +27,13 @@ LEAST_REUSED = 0.05
 """Share of the results that must be ingredients of other recipes."""
 FEWEST_RESULTS = 20
 """Results of the smallest book that the share judges."""
-_FEWEST_NAMES = 5  # if they are names of rows beside other columns
 _LIKE = 0.5  # share of the rows by which two readings are one
 _MOST_READINGS = 4  # in a refusal
-_NAME_COLUMNS = "Name the ingredients and, last, the result with --columns."
+_NAME_COLUMNS = (
+    "Name the ingredients and, last, the result with --columns, by numbers from 1 in a table "
+    "without a header."
+)
 _FEWEST_ELEMENTS = 2  # one alone, such as water, is a usual thing to make
-_FEWEST_ROWS = 50
-_MARGIN = 0.1
-_REUSED = 0.2
-"""Without a header: rows needed, by how much the share of different pairs must be larger, and the
-share of results that are ingredients.
-
-On whole books the right reading has .95 to 1 different pairs, the two others .62 to .70 (kitchen,
-everyday, Little Alchemy 2, 60,000 rows of Infinite Craft); on 20 rows all three have .85 to 1.
-"""
-
-
-def share_of_reused(recipes: Iterable[tuple[Iterable[str], str]]) -> float:
-    """Return the share of the results that are ingredients of other recipes.
-
-    Args:
-        recipes: ingredients and result of each.
-    """
-    recipes = list(recipes)
-    results = {result for _, result in recipes}
-    reused_labels = {part for parts, result in recipes for part in parts if part != result}
-    return len(results & reused_labels) / max(len(results), 1)
 
 
 @dataclass
@@ -63,20 +44,26 @@ class ReadingCandidate:
         way: the paths of its ingredients and results.
         reading: the record of this reading, with these paths as text in ``columns``.
         entries: recipes, faults and rows left out.
-        texts: the labels of its texts.
+        names_ingredients_elsewhere: whether a column that is ignored holds labels of ingredients,
+            so that it may have the results, or names of the same things.
         fold: whether labels will be in lower case.
     """
 
     way: Way
     reading: Reading
     entries: Sequence[Entry]
-    texts: FileLabels
+    names_ingredients_elsewhere: bool
     fold: bool
 
     @cached_property
     def rows(self) -> list[Row]:
         """The recipes."""
         return [entry for entry in self.entries if isinstance(entry, Row)]
+
+    @cached_property
+    def num_faults(self) -> int:
+        """Number of entries that cannot be read."""
+        return sum(isinstance(entry, Fault) for entry in self.entries)
 
     @cached_property
     def recipes(self) -> set[tuple[frozenset[str], str]]:
@@ -94,7 +81,8 @@ class ReadingCandidate:
     @cached_property
     def share(self) -> float:
         """Share of the results that are ingredients of other recipes."""
-        return share_of_reused(self.recipes)
+        reused_labels = {part for parts, result in self.recipes for part in parts if part != result}
+        return len(self.results & reused_labels) / max(len(self.results), 1)
 
     @property
     def hangs_together(self) -> bool:
@@ -125,20 +113,14 @@ class ReadingCandidate:
         """Whether each entry can be read, so that the reading may be advised."""
         texts = [label for row in self.rows for label in (row.ingredients[-1], row.result)]
         are_numbers = 2 * sum(map(is_number, texts)) > len(self.rows)
-        has_faults = any(isinstance(entry, Fault) for entry in self.entries)
-        if not self.rows or has_faults or are_numbers or odd_label(self.rows):
+        if not self.rows or self.num_faults or are_numbers or odd_label(self.rows):
             return False
         return len(self.way.results) == 1 and not self.is_mostly_single
-
-    @property
-    def command(self) -> str:
-        """The options that read the file so."""
-        return f"--columns '{','.join(self.reading.columns)}'"
 
     def __str__(self) -> str:
         first = self.rows[0]
         parts = " + ".join(label[:40] for label in first.ingredients[:8])
-        return f"{parts} = {first.result[:40]} ({self.command})"
+        return f"{parts} = {first.result[:40]} (--columns '{','.join(self.reading.columns)}')"
 
     def is_rival_of(self, best: "ReadingCandidate") -> bool:
         """Return whether a reading fits about as well as the best one of documented words."""
@@ -151,14 +133,11 @@ class ReadingCandidate:
         is_better = self.hangs_together and not best.hangs_together
         return is_better and self.contradictions <= best.contradictions
 
-    def is_damaged_rival_of(self, best: "ReadingCandidate") -> bool:
-        """Return whether other results of the same ingredients may be right, but have faults."""
-        if not self.texts.faults or self.way.parts != best.way.parts or self is best:
-            return False
-        num_faults = sum(isinstance(entry, Fault) for entry in self.entries)
+    @property
+    def has_damaged_names(self) -> bool:
+        """Whether its results are in a column of names, most cells of which have faults."""
         has_name = self.way.is_named or is_name(self.way.results[0][-1][1:])
-        is_fault_of_form = has_name and num_faults > len(self.rows)
-        return is_fault_of_form or (not self.is_like(best) and self.is_rival_of(best))
+        return has_name and self.num_faults > len(self.rows)
 
     def is_like(self, other: "ReadingCandidate") -> bool:
         """Return whether two readings share most of their recipes."""
@@ -169,48 +148,53 @@ class ReadingCandidate:
 def choose(
     path: Path,
     candidates: Sequence[ReadingCandidate],
-    guesses: Iterable[ReadingCandidate],
     anchor: str,
+    columns: str,
     *,
     allows_single: bool = False,
-) -> ReadingCandidate | None:
+) -> ReadingCandidate:
     """Return the one reading of a file that the rule takes.
 
     Args:
         path: the file, for errors.
-        candidates: readings by documented words and shapes, the more certain ones first.
-        guesses: further readings, for refusals; iterated only if no named reading is certain.
+        candidates: readings by documented words and shapes, the more certain ones first, and
+            guesses, which only refuse them.
         anchor: section of the guide for the file's shape.
+        columns: words about the columns that the file has.
         allows_single: whether the user says what a single ingredient means.
 
     Returns:
-        The reading; None if no reading with documented words has a recipe.
+        The reading, or one whose faults say what is wrong.
 
     Raises:
-        RecipeFileError: if several readings remain, or the only one does not hang together; with
-            the commands that read the file.
+        RecipeFileError: if no documented words name ingredients and results, several readings
+            remain, or the only one does not hang together; with the commands that read the file.
     """
-    documented = [reading for reading in candidates if reading.rows]
+    readings = [reading for reading in candidates if reading.rows]
+    documented = [reading for reading in readings if reading.way.is_documented]
     named_readings = [reading for reading in documented if reading.way.is_named] or documented
     # Equal shares leave the more certain reading in front.
     best = max(named_readings, key=attrgetter("share"), default=None)
-    if best and best.way.is_named and best.hangs_together:
-        further_readings = []
-    else:
-        further_readings = [reading for reading in guesses if reading.rows]
     if best is None:
-        told_order = _told_order([reading for reading in further_readings if reading.way.is_order])
-        return told_order or _undocumented(path, candidates, further_readings, anchor)
+        for reading in candidates:
+            if reading.way.is_documented and reading.num_faults:
+                return reading
+        problem = f"no documented words name ingredients and a result; {columns}"
+        raise refusal(path, problem, anchor, _NAME_COLUMNS)
     # Of two readings of the same recipes, the one that lacks none; of equal ones the best.
     alike = [best, *(reading for reading in documented if reading.is_like(best))]
     best = max(alike, key=lambda reading: len(reading.recipes))
     # Another column of results, whose cells have to be mended first, may be the right one.
-    damaged = [reading for reading in candidates if reading.is_damaged_rival_of(best)]
+    damaged = [
+        reading
+        for reading in candidates
+        if reading.way.parts == best.way.parts and reading.has_damaged_names
+    ]
     if damaged:
         return damaged[0]
     rivals = [
         reading
-        for reading in (*documented, *further_readings)
+        for reading in readings
         if not reading.is_like(best) and reading.is_clean and reading.is_rival_of(best)
     ]
     if best.is_mostly_single and not allows_single:
@@ -221,52 +205,12 @@ def choose(
     if best.hangs_together and rivals:
         readings = [best, *rivals] if best.is_clean else rivals
         raise _several(path, "two readings fit", readings, anchor)
-    # Names of rows may be no results if another key may hold the results.
-    is_unsure = not best.way.is_named and bool(best.reading.ignored)
-    fewest_results = _FEWEST_NAMES if is_unsure else FEWEST_RESULTS
-    if not best.hangs_together and (rivals or len(best.results) >= fewest_results):
+    # Names of rows are no results for sure, if there is another column.
+    is_only_name = not best.way.is_named and bool(best.reading.ignored)
+    is_unsure = bool(rivals) or best.names_ingredients_elsewhere or is_only_name
+    if not best.hangs_together and (is_unsure or len(best.results) >= FEWEST_RESULTS):
         raise _loose(path, best, rivals, anchor)
     return best
-
-
-def _undocumented(
-    path: Path,
-    candidates: Iterable[ReadingCandidate],
-    readable: Iterable[ReadingCandidate],
-    anchor: str,
-) -> ReadingCandidate | None:
-    """Refuse a file without documented words, with the readings that hang together.
-
-    Args:
-        path: the file.
-        candidates: readings by documented words.
-        readable: all readings with recipes.
-        anchor: see :func:`choose`.
-
-    Returns:
-        A reading whose faults say what is wrong; None without one.
-    """
-    clean = [reading for reading in readable if reading.is_clean]
-    ways = [
-        reading
-        for reading in clean
-        if replace(reading, fold=True).share > max(LEAST_REUSED, 1 / len(reading.results))
-    ]
-    # The columns of a small table without a header may be in any order.
-    ways = ways or [reading for reading in clean if reading.way.is_order]
-    if not ways:
-        faulty = (
-            reading
-            for reading in candidates
-            if any(isinstance(entry, Row | Fault) for entry in reading.entries)
-        )
-        return next(faulty, None)
-    # Of several orders of the same labels, the least odd ones.
-    min_contradictions = min(reading.contradictions for reading in ways)
-    ways = [reading for reading in ways if reading.contradictions == min_contradictions]
-    raise _several(
-        path, "no key or column is a documented word for a result and its ingredients", ways, anchor
-    )
 
 
 def _loose(
@@ -274,15 +218,18 @@ def _loose(
 ) -> RecipeFileError:
     """Return the error for a book that does not hang together."""
     num_results = len(best.results)
+    # Where another column names the ingredients, its results are rather named twice.
+    is_plausible = best.is_clean and not best.names_ingredients_elsewhere
     problem = (
-        f"read as {_shown(best)}, {best.share * num_results:.0f} of {num_results:,} results are "
-        "ingredients of other recipes, so that this reading may be wrong"
+        f"read as {best if is_plausible else _shown(best)}, {best.share * num_results:.0f} of "
+        f"{num_results:,} results are ingredients of other recipes, so that this reading may be "
+        "wrong"
     )
     if replace(best, fold=True).hangs_together:
         return refusal(path, problem, anchor, "Labels differ in case only: --case fold joins them.")
     remedy = _NAME_COLUMNS
-    if best.way.is_named and best.is_clean:
-        remedy = f"If it is right, as in chemistry or cooking, say so: {best.command}."
+    if is_plausible:
+        remedy = "If it is right, as in chemistry or cooking, say so with these --columns."
     return _several(path, problem, rivals, anchor, remedy)
 
 
@@ -305,20 +252,3 @@ def _several(
     texts = list(dict.fromkeys(map(str, readings)))
     shown = " or ".join(texts[:_MOST_READINGS])
     return refusal(path, f"{problem}: {shown}", anchor, "Choose with --columns.")
-
-
-def _told_order(orders: Sequence[ReadingCandidate]) -> ReadingCandidate | None:
-    """Return which of three orders of the same columns the labels tell; None if they do not.
-
-    The right one has the fewest pairs that make several things.
-    """
-    if len(orders) != 3 or min(len(candidate.recipes) for candidate in orders) < _FEWEST_ROWS:
-        return None
-
-    def share_of_pairs(order: ReadingCandidate) -> float:
-        return len({parts for parts, _ in order.recipes}) / len(order.recipes)
-
-    *_, second, best = sorted(orders, key=share_of_pairs)
-    is_clear = share_of_pairs(best) - share_of_pairs(second) >= _MARGIN
-    # Where a pair makes several things, a column of machines looks like one of results.
-    return best if is_clear and best.share >= _REUSED else None

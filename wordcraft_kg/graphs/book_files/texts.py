@@ -7,30 +7,40 @@ option `columns`. Marks of lists, and markup, are not read.
 
 import io
 import re
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence, Set
 from functools import cache
 from itertools import chain, takewhile
-from operator import ne
+from operator import itemgetter, ne
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from msgspec.structs import replace
 
 from wordcraft_kg.base import ConfigError, counted
-from wordcraft_kg.graphs.book_files.cells import is_number, table_fault, trim_unseen
+from wordcraft_kg.graphs.book_files.cells import (
+    find_joiner,
+    is_number,
+    read_labels,
+    rows_of_raw,
+    table_fault,
+    trim_unseen,
+)
 from wordcraft_kg.graphs.book_files.documents import Document
 from wordcraft_kg.graphs.book_files.rows import (
     MAX_LINE_LENGTH,
+    Entry,
     Fault,
     FileRows,
     LeftOut,
+    Raw,
+    Row,
+    is_infinite_craft,
     refusal,
+    without_nothing,
 )
 from wordcraft_kg.graphs.book_files.words import (
     EACH,
     KIND,
-    QUANTITIES,
     is_documented,
     is_name,
     own_header,
@@ -44,12 +54,11 @@ DELIMITERS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "pipes"}
 """Column delimiters that are tried, with their names."""
 _SPELT = {"comma": ",", "semicolon": ";", "tab": "\t", "\\t": "\t", "pipe": "|", "space": " "}
 _OWN = {
-    (*own_header(number), *facts)
+    (*own_header(number), *kind_column)
     for number in range(2, MOST_INGREDIENTS + 1)
-    for facts in ((), (KIND,), (QUANTITIES,), (KIND, QUANTITIES))
+    for kind_column in ((), (KIND,))
 }
 _SAMPLE_ROWS = 200
-_EVEN = 0.9  # share of rows with the most frequent number of cells
 _FEWEST_BELOW = 3  # rows below a header of other words
 _HEADER_ROWS = 6  # first rows among which the header is
 _COMMENT = re.compile(r"//|#(?:\s|$)|#\s*(?:base|entities)\s*:", re.IGNORECASE)
@@ -100,6 +109,8 @@ def read_directive(source: FileRows, number: int, line: str) -> Fault | None:
     if len(line) > MAX_LINE_LENGTH:
         return Fault(number, "directive", too_long(line))
     labels = _tolerant_cells(label_list.strip(), ",")
+    if not source.is_exact:
+        labels = list(map(trim_unseen, labels))
     for fault in filter(None, map(label_fault, labels)):
         return Fault(number, "directive", fault)
     if name == "base":
@@ -168,31 +179,18 @@ def _tolerant_cells(line: str, delimiter: str) -> list[str]:
         return [cell.strip(" ") for cell in line.rstrip("\r\n").split(delimiter)]
 
 
-def _guess_delimiter(path: Path, lines: Sequence[str], usual: str) -> str:
-    """Guess the delimiter of a table: documented names in a header decide, else even rows.
+def _guess_delimiter(lines: Sequence[str], usual: str) -> str:
+    """Guess the delimiter of a table: documented names in a header decide, else the file's ending.
 
-    Raises:
-        RecipeFileError: if two delimiters fit equally well; the message shows both readings.
+    Args:
+        lines: the first lines.
+        usual: the delimiter of the file's ending.
     """
-    with_header: list[str] = []
-    even: list[str] = []
     for delimiter in DELIMITERS:
-        rows = [_tolerant_cells(line, delimiter) for line in lines]
-        ((width, number),) = Counter(map(len, rows)).most_common(1)
-        if any(map(_are_names, rows[:_HEADER_ROWS])):
-            with_header.append(delimiter)
-        if width >= 3 and number >= _EVEN * len(rows):
-            even.append(delimiter)
-    fitting = with_header or even or [usual]
-    if len(fitting) > 1:
-        readings = [f"{_tolerant_cells(lines[-1], d)} ({DELIMITERS[d]})" for d in fitting[:2]]
-        raise refusal(
-            path,
-            f"two delimiters fit: {' or '.join(readings)}",
-            "table",
-            "Choose one with --delimiter.",
-        )
-    return fitting[0]
+        rows = [_tolerant_cells(line, delimiter) for line in lines[:_HEADER_ROWS]]
+        if any(map(_are_names, rows)):
+            return delimiter
+    return usual
 
 
 def _are_names(cells: Sequence[str]) -> bool:
@@ -201,8 +199,7 @@ def _are_names(cells: Sequence[str]) -> bool:
     if sum(map(is_number, cells)) > 1:
         return False
     ways = ways_by_words((EACH, f".{cell}") for cell in cells)
-    documented_ways = [way for way in ways if way.is_documented]
-    return any(way.is_named or is_name(way.results[0][-1][1:]) for way in documented_ways)
+    return any(way.is_named or is_name(way.results[0][-1][1:]) for way in ways)
 
 
 def _are_unknown_names(body: Sequence[Line]) -> bool:
@@ -266,7 +263,7 @@ def read_table(
         numbers without one.
 
     Raises:
-        RecipeFileError: if two delimiters fit, or the text is no table.
+        RecipeFileError: if the text is no table.
     """
     source = FileRows(Reading(shape="table"))
     lines = list(enumerate(io.StringIO(text, newline=""), start=1))
@@ -274,7 +271,6 @@ def read_table(
     lines = lines[len(head) :]
     if not lines:
         raise refusal(path, "no row of a table, only comments", "table")
-    faults = list(filter(None, (read_directive(source, *line) for line in head)))
     _, first = lines[0]
     if len(first) > MAX_LINE_LENGTH:
         raise refusal(path, f"no table: {too_long(first)[:-1]}", "table")
@@ -287,7 +283,8 @@ def read_table(
                 "Without frame: sed -n '/[^-+:=| ]/{s/^ *| *//; s/ *| *$//; /|/p;}' b.md > c.csv."
             )
             raise refusal(path, "a table of Markdown, which is not read", "table", remedy)
-        delimiter = delimiter or _guess_delimiter(path, sample, usual)
+        delimiter = delimiter or _guess_delimiter(sample, usual)
+    faults = list(filter(None, (read_directive(source, *line) for line in head)))
     source.reading = Reading(shape="table", delimiter=delimiter or usual)
     parsed = _parsed(source, lines, source.reading.delimiter)
     return source, _document(path, source, [*faults, *parsed], columns or ())
@@ -347,10 +344,8 @@ def _row_fault(
 ) -> Fault | None:
     """Return why a row below the header is no recipe, or None."""
     number, cells = row.number, _without_blanks(row.cells)
-    if names and cells == names:
-        message = "the header is repeated in the middle"
-        return Fault(number, "header", message, message)
-    if not header_words.isdisjoint(map(str.casefold, cells)) and _are_names(cells):
+    is_of_words = not header_words.isdisjoint(map(str.casefold, cells)) and _are_names(cells)
+    if is_of_words or (names and cells == names):
         message = f"{', '.join(cells)!r:.80} names the columns again; keep one table."
         return Fault(number, "header", message, "header")
     if names and len(cells) > len(names):
@@ -400,66 +395,69 @@ def looks_like_lines(text: str) -> bool:
     return bool(content) and len(sums) >= _ENOUGH * len(content)
 
 
-def read_lines(path: Path, text: str) -> tuple[FileRows, Document]:
-    """Read a text with a sum, a sign and results on each line, as a document.
+def read_lines(path: Path, text: str) -> FileRows:
+    """Read a text with a sum, a sign and results on each line.
 
     Args:
         path: the file, for errors.
         text: its text.
 
-    Returns:
-        What is known of the rows, and the document: records of a sum and a list of results.
-
     Raises:
         RecipeFileError: if a sum is behind a sign, or many lines have the same mark.
     """
     source = FileRows(Reading(shape="lines a + b = c"))
-    document = Document([], is_table=True, fault=_label_fault)
+    raws: list[Raw] = []
+    entries: list[Entry] = []
     for number, line in enumerate(io.StringIO(text, newline=""), start=1):
         sides = [side.strip() for side in _SIGN.split(line)]
         if not line.strip():
             continue
         if _is_heading(line):
             fault = read_directive(source, number, line)
-            document.others.append(fault or LeftOut(number, "headings or comments"))
+            entries.append(fault or LeftOut(number, "headings or comments"))
         elif len(line) > MAX_LINE_LENGTH:
-            document.others.append(Fault(number, "row", too_long(line), "long"))
+            entries.append(Fault(number, "row", too_long(line), "long"))
         elif len(sides) != 2:
             sample = repr(line.strip()[:80])
             message = f"{sample} has no sign such as = or ->, or several; expected a + b = c."
-            document.others.append(Fault(number, "row", message, "no sign"))
+            entries.append(Fault(number, "row", message, "no sign"))
         elif "+" in sides[1]:
             sign = _SIGN.findall(line)[0]
             remedy = f"The result is last: sed -E 's/(.*){sign}(.*)/\\2 {sign} \\1/' b.txt > c.txt."
-            if "+" in sides[0] or document.value:
+            if "+" in sides[0] or raws:
                 remedy = "Write a sum, a sign and the results on each line, these between commas."
             raise refusal(path, f"line {number} has a sum behind its sign", "lines", remedy)
         else:
-            document.places.append(number)
             results = [result.strip() for result in sides[1].split(",")]
-            document.value.append({"sum": sides[0], "result": results})
-    _check_marks(path, document.value)
-    return source, document
+            raws.append(Raw(number, sides[:1], results))
+    joiner = find_joiner([raw.parts[0] for raw in raws if raw.parts[0]])
+    for raw in raws:
+        entries += rows_of_raw(raw, joiner, {})
+    _check_marks(path, [entry for entry in entries if isinstance(entry, Row)])
+    entries.sort(key=itemgetter(0))
+    labelled, trimmed = read_labels(entries, _label_fault, is_given=True)
+    source.entries = without_nothing(labelled) if is_infinite_craft(labelled) else labelled
+    source.reading = replace(source.reading, trimmed=trimmed)
+    return source
 
 
-def _check_marks(path: Path, records: Sequence[dict[str, Any]]) -> None:
+def _check_marks(path: Path, rows: Sequence[Row]) -> None:
     """Refuse lines of which many begin or end alike, as with a mark that is no part of a label.
 
     Raises:
         RecipeFileError: naming what they share.
     """
-    sums = [re.split(r"\s*\+\s*", record["sum"]) for record in records]
-    first = [ingredients[0] for ingredients in sums]
-    inner = list(chain.from_iterable(ingredients[1:] for ingredients in sums))
-    last = list(chain.from_iterable(record["result"] for record in records))
+    first = [row.ingredients[0] for row in rows]
+    inner = list(chain.from_iterable(row.ingredients[1:] for row in rows))
+    last = [row.result for row in rows]
     for verb, pattern, ends, opposite in (
         ("begin", _PREFIX, first, last),
         ("end", _SUFFIX, last, first),
     ):
         marks = [match[0].strip() for match in map(pattern.search, ends) if match]
-        elsewhere = [label for label in (*inner, *opposite) if pattern.search(label)]
+        elsewhere = sum(1 for _ in filter(pattern.search, chain(inner, opposite)))
         share = len(marks) / max(len(ends), 1)
-        is_elsewhere = len(elsewhere) > _SELDOM * share * (len(inner) + len(opposite))
+        is_elsewhere = elsewhere > _SELDOM * share * (len(inner) + len(opposite))
         if len(marks) > 1 and share >= _OFTEN and not is_elsewhere:
             raise refusal(
                 path,

@@ -46,8 +46,6 @@ _JOINED = (
 
 KIND = "kind"
 """Name of the optional column with the kind of reasoning behind a recipe."""
-QUANTITIES = "quantities"
-"""Name of the optional column with a number for each ingredient, in the order of the row."""
 CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
 
 
@@ -149,15 +147,13 @@ class Way(NamedTuple):
         parts: paths of the ingredients.
         results: paths of the results.
         is_named: whether the results are named as results, not only as a thing or a key.
-        is_documented: whether all words are documented; the others are guesses for refusals.
-        is_order: whether it is one of three orders of columns whose names say nothing.
+        is_documented: whether all words are documented; the others are guesses, which refuse.
     """
 
     parts: tuple[Path, ...]
     results: tuple[Path, ...]
     is_named: bool = True
     is_documented: bool = True
-    is_order: bool = False
 
 
 def is_plain(key: str) -> bool:
@@ -251,14 +247,9 @@ def ways_by_words(paths: Iterable[Path], lists: Set[Path] = frozenset()) -> Iter
         if len(different) > 1:
             union = tuple(chain.from_iterable(different.values()))
             families = [union] if not lists.isdisjoint(union) else [*families, union]
-        # Columns of other names are rather the ingredients or the result: a guess.
-        unknown = tuple(by_role.get("unknown", ()))
-        if not families and len(unknown) in (1, 2):
-            yield from (Way(unknown, family, is_documented=False) for family in results)
         for family in families:
             yield from (Way(family, result_family) for result_family in results)
             yield from (Way(family, (thing,), is_named=False) for thing in things)
-            yield from (Way(family, (guess,), False, False) for guess in unknown)
 
 
 def _plain_words(family: Iterable[Path]) -> frozenset[str]:

@@ -1,7 +1,7 @@
 """Write recipe books: tables with our own header, or our own JSON."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -9,8 +9,8 @@ from typing import Any
 from wordcraft_kg.base import RecipeFileError, output_target, write_atomically
 from wordcraft_kg.graphs.arrays import json_recipes, row_text
 from wordcraft_kg.graphs.book_files.cells import trim_unseen
-from wordcraft_kg.graphs.book_files.words import KIND, QUANTITIES, own_header
-from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, RecipeRows
+from wordcraft_kg.graphs.book_files.words import KIND, own_header
+from wordcraft_kg.graphs.recipes import RecipeBook, RecipeRows
 
 _JSON_FORMAT = "wordcraft-kg recipe book 1"
 
@@ -40,48 +40,6 @@ def write_book(book: RecipeBook, path: Path) -> None:
         )
 
 
-def write_rows(
-    book: RecipeBook,
-    path: Path,
-    columns: Sequence[str],
-    rows: Iterable[tuple[Sequence[str], Sequence[str]]],
-) -> None:
-    """Write a book as a table whose rows have an order and further cells.
-
-    Args:
-        book: the book, for its base, idle entities and kinds.
-        path: a .csv or .tsv file. A link is followed.
-        columns: names of the further columns.
-        rows: each recipe as labels of ingredients, in their order in the table, and of the result,
-            with its further cells.
-
-    Raises:
-        OutputExistsError: if the path is a device, a pipe or a socket, or leads nowhere.
-        OSError: if the file cannot be written.
-    """
-    delimiter = "," if path.suffix.lower() == ".csv" else "\t"
-    lines = _lines(book, columns, rows, delimiter)
-    write_atomically(output_target(path), chain(_directives(book), lines))
-
-
-def _lines(
-    book: RecipeBook,
-    columns: Sequence[str],
-    rows: Iterable[tuple[Sequence[str], Sequence[str]]],
-    delimiter: str,
-) -> Iterator[str]:
-    """Yield a header and rows, with kinds and quantities between the result and further cells."""
-    header = own_header(max(map(len, book.recipes)) - 1)
-    facts = _facts(book)
-    yield csv_line((*header, *facts, *columns), delimiter)
-    for labels, cells in rows:
-        recipe = Recipe.of(*labels)
-        *ingredients, result = labels
-        blanks = [""] * (len(header) - len(labels))
-        fact_cells = (values_by_recipe.get(recipe, "") for values_by_recipe in facts.values())
-        yield csv_line((*ingredients, *blanks, result, *fact_cells, *cells), delimiter)
-
-
 def _directives(book: RecipeBook) -> Iterator[str]:
     """Yield comments that declare the base, also an empty one, and entities without a recipe."""
     # Between commas also above a table with tabs, as the reader of comments expects.
@@ -91,24 +49,22 @@ def _directives(book: RecipeBook) -> Iterator[str]:
         yield f"# entities: {csv_line(book.idle, ',')}"
 
 
-def _facts(book: RecipeBook) -> dict[str, Mapping[Recipe, str]]:
-    """Return what a book tells of its recipes beside ingredients and result, by column."""
-    facts = {KIND: book.kinds, QUANTITIES: book.quantities}
-    return {name: values_by_recipe for name, values_by_recipe in facts.items() if values_by_recipe}
-
-
 def recipe_table(book: RecipeBook, delimiter: str = ",") -> Iterator[str]:
-    """Yield table lines: a header, then ingredients and result, with kinds and quantities if any.
+    """Yield table lines: a header, then ingredients, result and, if the book has kinds, the kind.
 
     Args:
         book: the book, whose recipes are in the order of the lines.
         delimiter: one character between cells.
     """
-    if _facts(book):
-        yield from _lines(book, (), ((recipe, ()) for recipe in book.recipes), delimiter)
-        return
     rows = RecipeRows.of(book.recipes)
     num_ingredients = rows.ids.shape[1] - 1
+    if book.kinds:
+        yield csv_line((*own_header(num_ingredients), KIND), delimiter)
+        for recipe in book.recipes:
+            blanks = [""] * (num_ingredients - len(recipe.ingredients))
+            kind = book.kinds.get(recipe, "")
+            yield csv_line((*recipe.ingredients, *blanks, recipe.result, kind), delimiter)
+        return
     yield csv_line(own_header(num_ingredients), delimiter)
     # A label is looked at once, not in each of its recipes; the padding is a blank cell.
     texts = [*(_cell(label, delimiter) for label in rows.labels), ""]
@@ -132,9 +88,8 @@ def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
     yield "{\n"
     yield f'"format": {dump(_JSON_FORMAT)},\n'
     yield f'"name": {dump(book.name)},\n'
-    for name, values_by_recipe in (("kinds", book.kinds), (QUANTITIES, book.quantities)):
-        if values_by_recipe:
-            extra[name] = [values_by_recipe.get(recipe, "") for recipe in book.recipes]
+    if book.kinds:
+        extra["kinds"] = [book.kinds.get(recipe, "") for recipe in book.recipes]
     for key, value in extra.items():
         yield f"{dump(key)}: {dump(value)},\n"
     yield f'"base": {dump(book.base)},\n'

@@ -112,13 +112,6 @@ def test_shaped_rewards_follow_the_rules(world, picks, expected):
     assert (REWARDS["sparse"], REWARDS["official"]) == (RewardConfig(), RewardConfig(0.1, 0.1, 1.0))
 
 
-def test_the_last_result_by_label_alone_comes_where_asked(world):
-    env = posed(world, "mud", ["earth", "water"], ambiguity="last")
-    assert pick(env, "earth", "water")[4]["outcome"] == "goal"
-    env = posed(world, "clay", ["earth", "water"], ambiguity="last")
-    assert pick(env, "earth", "water")[4]["outcome"] == "out_of_attempts"
-
-
 @pytest.mark.parametrize("depth", [1, 3])
 def test_gymnasiums_checker_finds_nothing(depth):
     with warnings.catch_warnings():
@@ -160,12 +153,7 @@ def test_a_graph_too_small_to_split_is_played_as_a_whole(
         *[{"num_distractors": amount} for amount in (-1, 80)],
         {"part": "tests"},
         {"reward": "dense"},
-        {"ambiguity": "first"},
         {"max_attempts": 1, "depth": 2},
-        *[
-            {"max_attempts": 20, "distractor_policy": policy}
-            for policy in ("no_shortcut", "no_train_shortcut")
-        ],
         {"render_mode": "text"},
         *[{"graph": graph} for graph in (None, 5)],
     ],
@@ -275,8 +263,7 @@ def test_everyday_is_played_if_no_graph_is_named(make):
     "rules",
     [
         {"depth": 2, "part": "test", "reward": "official", "distractor_weighting": "uniform"},
-        {"depth": 3, "num_tasks": 50, "max_attempts": 4, "task_weighting": "goal"},
-        {"part": "test", "distractor_policy": "no_shortcut"},
+        {"depth": 3, "num_tasks": 50, "max_attempts": 4},
     ],
 )
 def test_it_is_a_vector_environment_of_one(opened_kitchen, rules):

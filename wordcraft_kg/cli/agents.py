@@ -23,7 +23,7 @@ from wordcraft_kg.cli.console import (
 )
 from wordcraft_kg.cli.options import Book, Graph, MovedGraph, OptionalBook, Part, Table, Words
 from wordcraft_kg.envs.draws import MOST_TASKS
-from wordcraft_kg.envs.world_config import DistractorPolicy, WordCraftConfig
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.evaluation.discovery import (
     DiscoveryView,
     KnownEntities,
@@ -60,8 +60,6 @@ EXAMPLES = {
     ),
 }
 
-FILE_ONLY = {"evaluate-agent": ("--distractor-policy",)}
-
 
 @dataclass(frozen=True)
 class TaskOptions:
@@ -72,15 +70,11 @@ class TaskOptions:
             scripted players.
         distractor_seeds: distractor seeds for each task; all players get the same tables. Default:
             5, or 1 for a part with more than 6,000 tasks.
-        distractor_policy: any; no_shortcut, so that no distractor opens an additional way to the
-            goal; or no_train_shortcut, so that none opens an additional way by train recipes alone.
-            Default: as in training; any for scripted players.
         limit: most tasks to play; of more, evenly spaced ones are played.
     """
 
     distractors: Words = None
     distractor_seeds: int | None = None
-    distractor_policy: DistractorPolicy | None = None
     limit: int = MOST_TASKS
 
 
@@ -157,7 +151,6 @@ def evaluate_agent(
             part,
             amounts,
             played.distractor_seeds,
-            played.distractor_policy,
             played.limit,
         )
         rows = [
@@ -174,8 +167,7 @@ def evaluate_agent(
     else:
         refuse_given(trained, f"a trained agent, and '{run}' is not a run folder")
         amounts = whole_numbers("distractors", played.distractors or ["1,2,8"])
-        policy = played.distractor_policy or WordCraftConfig.distractor_policy
-        config = WordCraftConfig(part, scripted.depth, amounts[0], distractor_policy=policy)
+        config = WordCraftConfig(part, scripted.depth, amounts[0])
         from wordcraft_kg.evaluation.agents import ExternalPlayer, view_baselines
 
         external = None
@@ -235,9 +227,6 @@ def _table(view: "Baselines", amounts: list[int]) -> list[str]:
         rows.append((title, *chain.from_iterable(cells[name, goals, amount] for amount in amounts)))
     distractor_seeds = counted(view.distractor_seeds, "distractor seed")
     tasks = f"{view.tasks:,} {view.part} tasks of depth {view.depth}, each with {distractor_seeds}"
-    policy = (
-        "" if view.distractor_policy == "any" else f"; distractor policy {view.distractor_policy}"
-    )
     own = (
         "own: success by the task's own recipe; the rest by other recipes for the goal, such as "
         "train recipes"
@@ -245,7 +234,7 @@ def _table(view: "Baselines", amounts: list[int]) -> list[str]:
     shares = [f"{goals}: {share:.0%} of the tasks" for goals, share in view.shares.items()]
     return [
         *aligned(rows, numbers=True),
-        f"{tasks}{policy}; intervals: {view.intervals}",
+        f"{tasks}; intervals: {view.intervals}",
         *shares,
         own,
     ]

@@ -16,13 +16,11 @@ from wordcraft_kg.base import (
     whole,
 )
 from wordcraft_kg.base.registry import Registry
-from wordcraft_kg.graphs.tasks import DRAWN_TASKS, MAX_DEPTH, TaskPart, TaskWeighting
+from wordcraft_kg.graphs.tasks import DRAWN_TASKS, MAX_DEPTH, TaskPart
 
 MAX_ATTEMPTS = 1_000
 """Most attempts in an episode; each attempt adds free slots to every table."""
 DistractorWeighting = Literal["use", "uniform"]
-DistractorPolicy = Literal["any", "no_shortcut", "no_train_shortcut"]
-Ambiguity = Literal["all", "last"]
 Observation = dict[str, Any]
 Info = dict[str, Any]
 METADATA: dict[str, Any] = {"render_modes": ["ansi"], "render_fps": 4}
@@ -95,15 +93,8 @@ class WordCraftConfig:
             ``use`` is 1 + the number of train recipes that use the entity as an ingredient,
             ``uniform`` is equal. By ``use``, entities with few uses are rarely distractors, so the
             player :func:`~wordcraft_kg.agents.players.fewest_uses` is better than chance.
-        distractor_policy: ``any``; ``no_shortcut``: no distractor opens an additional way to the
-            goal; or ``no_train_shortcut``: no distractor opens an additional way by train recipes
-            alone. The same in the part ``train``, whose world has train recipes only.
         pays_held_out: whether held-out pairs make their results in the part ``train`` too, as in
             the paper's released code. Training is then paid for test recipes: for comparison only.
-        task_weighting: draw a ``task`` uniformly, or first a ``goal`` and then a task with this
-            goal.
-        ambiguity: a pair with several results makes ``all``, or only the ``last`` by label (as in
-            the paper's released code).
         num_tasks: number of tasks to sample at depth 3 and above, and at depth 2 in large graphs.
         task_seed: random seed for this sample; at depth 2 for the sample of tasks that use no
             entity twice, see :data:`~wordcraft_kg.graphs.tasks.TWICE_SHARE`.
@@ -111,8 +102,7 @@ class WordCraftConfig:
         attempts: attempts in an episode; derived, not a setting.
 
     Raises:
-        ConfigError: if a value is out of range, or ``max_attempts`` does not fit ``depth`` or
-            ``distractor_policy``.
+        ConfigError: if a value is out of range, or ``max_attempts`` does not fit ``depth``.
 
     Example:
         >>> WordCraftConfig(depth=2, num_distractors=8).attempts
@@ -125,9 +115,6 @@ class WordCraftConfig:
     max_attempts: int | None = None
     reward: str | RewardConfig = "sparse"
     distractor_weighting: DistractorWeighting = "use"
-    distractor_policy: DistractorPolicy = "any"
-    task_weighting: TaskWeighting = "task"
-    ambiguity: Ambiguity = "all"
     pays_held_out: bool = False
     num_tasks: int = DRAWN_TASKS
     task_seed: int = 0
@@ -158,15 +145,9 @@ class WordCraftConfig:
         if not isinstance(rewards, RewardConfig):
             REWARDS.check("reward", rewards)
             rewards = REWARDS[rewards]
-        attempts = self.max_attempts or self.depth
-        # Ways to the goal are searched for each drawn table; their number explodes with attempts.
-        searchable = self.distractor_policy == "any" or attempts <= MAX_DEPTH
-        policy = f"`distractor_policy` {self.distractor_policy!r}"
-        expected = f"at most {MAX_DEPTH} with {policy}, which searches all ways to the goal"
-        require(self, "max_attempts", searchable, expected)
         # A frozen dataclass sets its derived fields by the way around.
         object.__setattr__(self, "rewards", rewards)
-        object.__setattr__(self, "attempts", attempts)
+        object.__setattr__(self, "attempts", self.max_attempts or self.depth)
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> "WordCraftConfig":

@@ -42,7 +42,7 @@ from wordcraft_kg.base import (
 from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.envs.draws import MOST_TASKS, default_seeds, sampled_tasks
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.envs.world_config import DistractorPolicy, WordCraftConfig
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.evaluation.agent_metrics import (
     AgainstScorer,
     AgentSuccess,
@@ -69,11 +69,8 @@ from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.policies.sources import shown_setting, with_letters
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 
-_RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
+_RULES = ("depth", "max_attempts", "distractor_weighting")
 """Task settings that must be equal in all compared agents."""
-# Enumerated tasks are equal for all agents, sampled ones only if they are sampled in the same way.
-_DRAWN_BY = ("task_weighting",)
-"""Further settings if tasks are sampled instead of enumerated."""
 # The fewest and the most distractors of the paper.
 DISTRACTORS = (1, 8)
 
@@ -457,12 +454,10 @@ def _words_beside(agent: OpenedAgent) -> dict[str, players.Player]:
 def _conditions(
     agents: Sequence[OpenedAgent], part: TaskPart, distractors: Sequence[int] | None
 ) -> tuple[World, list[int]]:
-    _check_alike(agents, _RULES)
+    _check_alike(agents)
     first = agents[0]
     headline = first.config.tasks.distractors
     world = World(first.opened, first.config.tasks.environment(part, headline))
-    if not world.tasks.is_complete:
-        _check_alike(agents, _DRAWN_BY)
     if distractors is None:
         # A small graph may have too few entities for eight distractors.
         usual = (amount for amount in DISTRACTORS if amount <= world.max_distractors)
@@ -481,7 +476,7 @@ def _conditions(
     return world, played
 
 
-def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
+def _check_alike(agents: Sequence[OpenedAgent]) -> None:
     first = agents[0]
     for agent in agents[1:]:
         if agent.opened.split.hash != first.opened.split.hash:
@@ -490,7 +485,7 @@ def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
                 "their tasks differ, so their results cannot be compared. Train all runs on the "
                 "same graph folder."
             )
-        for rule in rules:
+        for rule in _RULES:
             value = getattr(agent.config.tasks, rule)
             expected = getattr(first.config.tasks, rule)
             if value != expected:
@@ -603,7 +598,6 @@ class AgentEvaluation(Record):
         scores: how the scores are standardised if the scorer plays alone; None for other players.
         part: split part with the tasks.
         depth: fewest attempts that solve a task.
-        distractor_policy: where distractors are drawn from.
         success: success rate by distractor count.
         outcomes: share of episodes by termination reason, by distractor count.
         against_scorer: comparison of the trained agent with its scorer alone, by distractor count;
@@ -620,7 +614,6 @@ class AgentEvaluation(Record):
     scores: str | None
     part: TaskPart
     depth: int
-    distractor_policy: DistractorPolicy
     success: dict[str, Success]
     outcomes: dict[str, dict[TerminationReason, Share]]
     against_scorer: dict[str, AgainstScorer] | None
@@ -643,7 +636,6 @@ def view_evaluation(
     part: TaskPart,
     distractors: Sequence[int],
     distractor_seeds: int | None,
-    distractor_policy: DistractorPolicy | None = None,
     limit: int = MOST_TASKS,
 ) -> AgentEvaluation:
     """Evaluate a player on an agent's tasks.
@@ -656,8 +648,6 @@ def view_evaluation(
         distractors: distractor counts.
         distractor_seeds: tables per task; None as for
             :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
-        distractor_policy: where distractors are drawn from; None for the agent's setting in
-            training.
         limit: most tasks; of more, evenly spaced ones are played.
 
     Returns:
@@ -671,10 +661,7 @@ def view_evaluation(
     player = player_of(trained.policy, agent)
     tasks = trained.config.tasks
     policy = trained.config.policy
-    config = tasks.environment(part, distractors[0])
-    if distractor_policy is not None:
-        config = config.variant(distractor_policy=distractor_policy)
-    world = World(trained.opened, config)
+    world = World(trained.opened, tasks.environment(part, distractors[0]))
     evaluators = _evaluators(world, distractors, distractor_seeds, limit)
     results = _play(player, evaluators)
     against_scorer = None
@@ -709,7 +696,6 @@ def view_evaluation(
         scores=scores,
         part=part,
         depth=tasks.depth,
-        distractor_policy=world.config.distractor_policy,
         success={str(amount): result.metrics() for amount, result in results.items()},
         outcomes={str(amount): result.shares() for amount, result in results.items()},
         against_scorer=against_scorer,
@@ -766,7 +752,6 @@ class Baselines(Record):
         graph: the graph as the user named it.
         part: split part with the tasks.
         depth: fewest attempts that solve a task.
-        distractor_policy: where distractors are drawn from.
         tasks: number of played tasks.
         distractor_seeds: tables per task.
         seed: seed of distractors and of the players' choices.
@@ -778,7 +763,6 @@ class Baselines(Record):
     graph: str
     part: TaskPart
     depth: int
-    distractor_policy: DistractorPolicy
     tasks: Count
     distractor_seeds: Count
     seed: int
@@ -855,7 +839,6 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
         graph=graph,
         part=config.part,
         depth=config.depth,
-        distractor_policy=config.distractor_policy,
         tasks=len(played),
         distractor_seeds=tables,
         seed=seed,

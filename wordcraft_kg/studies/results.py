@@ -23,7 +23,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.agents.agent_config import TaskConfig
 from wordcraft_kg.base import (
     ArtefactError,
     Count,
@@ -377,8 +376,6 @@ def hash_of(values: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-_OF_TASKS = ("depth", "task_weighting")
-"""Settings on which tasks and their groups depend."""
 _STUDIES = "studies"
 _STOP = ".stop"
 
@@ -566,11 +563,10 @@ def collect_study(root: Path, name: str) -> StudyResults:
 
 
 def _played_config(settings: Values) -> WordCraftConfig:
-    """Return the test environment of a cell, with the settings alone that decide the tasks."""
-    task_settings = {name: settings[name] for name in _OF_TASKS if name in settings}
-    config = TaskConfig(**task_settings)  # type: ignore[arg-type]
+    """Return the test environment of a cell, with the depth alone, which decides the tasks."""
+    depth: Any = settings.get("depth", WordCraftConfig.depth)
     # A small book may lack room for the default number of distractors.
-    return config.environment("test", distractors=0)
+    return WordCraftConfig("test", depth, num_distractors=0)
 
 
 def _run_metrics(folder: Path) -> RunMetrics:

@@ -7,7 +7,6 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from helpers import lines_of, refuses, resume
@@ -414,33 +413,6 @@ def test_a_missing_library_names_the_extra(train, name, tmp_path, monkeypatch):
     with pytest.raises(MissingExtraError, match=rf"pip install '{name}>="):
         train(LINKS if train is train_links else AGENT, tmp_path / "run", trackers=[name])
     assert not list(tmp_path.iterdir())
-
-
-def test_wandb_gets_settings_and_metrics_offline(tmp_path, monkeypatch):
-    """Wandb gets settings and figures offline and nothing of the machine."""
-    begun = []
-    rows = []
-    ended = []
-
-    def init(**options):
-        begun.append(options)
-        return SimpleNamespace(
-            log=lambda values, step: rows.append((step, values)),
-            finish=lambda exit_code: ended.append(exit_code),
-        )
-
-    stand_in = SimpleNamespace(Settings=lambda **settings: settings, init=init)
-    monkeypatch.setitem(sys.modules, "wandb", stand_in)
-    notes = Notes()
-    train_links(LINKS, tmp_path / "model", trackers=["wandb", notes])
-    assert read_run(tmp_path / "model").trackers == ("wandb",)
-    assert rows == notes.rows
-    assert ended == [0]
-    (options,) = begun
-    assert options["config"] == LinksConfig.read(tmp_path / "model").values()
-    settings = options["settings"]
-    assert (settings["mode"], settings["root_dir"]) == ("offline", str(tmp_path / "model"))
-    assert (settings["host"], settings["username"], settings["x_disable_meta"]) == ("", "", True)
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,7 @@ def train_agent(
         config: all settings.
         out: run folder. Default: ``runs/<graph name>-<scorer folder or no-kg>``.
         force: train anew and replace the folder.
-        trackers: places to which the lines of metrics go too, by name (tensorboard, wandb)
+        trackers: places to which the lines of metrics go too, by name (tensorboard)
             or as objects.
         progress: called after each line of metrics; True shows a bar, None or False nothing.
 

@@ -192,7 +192,7 @@ def train(
                     trackers = [*earlier, *(one for one in trackers if one not in earlier)]
                     check_trackers(earlier)
                     start = 0 if checkpoint is None else checkpoint.number
-                    with tracking(run, trackers, training.config.values(), start) as log:
+                    with tracking(run, trackers, start) as log:
                         return training.fit(run, report, log, checkpoint)
             # Killed before the first checkpoint: nothing is lost.
             force = True
@@ -205,7 +205,7 @@ def train(
         # Hashes of graph and split belong to every run; a trainer adds its own inputs.
         inputs = {"graph": opened.graph.hash, "split": opened.split.hash, **begun.pop("inputs")}
         run.begin(training.config, inputs=inputs, trackers=names_of(trackers), **begun)
-        with tracking(run, trackers, training.config.values()) as log:
+        with tracking(run, trackers) as log:
             return training.fit(run, report, log, None)
 
 

@@ -643,24 +643,17 @@ class BatchEngine:
         made_goal[rows] = is_goal
         by_plan[rows] = is_goal & is_final
         attempts = _Made(rows, makes[rows], results, is_goal)
-        if is_replaced and self._are_all_over(state, attempts):
-            return made_goal, by_plan, state.wide, state.count, shaped
+        # With one attempt in an episode, the default at depth 1, all episodes with results end in
+        # every step: their tables are never seen, which saves the copy of all tables. Shaped
+        # rewards depend on the tables, and on a device asking would wait.
+        if is_replaced and not (self._is_shaped or self.arrays.on_device):
+            is_last = state.attempts_left[rows] == 1
+            if (is_goal | is_last).all():
+                return made_goal, by_plan, state.wide, state.count, shaped
         wide, count, news = self._put_on_table(state, attempts)
         if shaped is not None:
             shaped[rows] = self._shaping(state, attempts, news)
         return made_goal, by_plan, wide, count, shaped
-
-    def _are_all_over(self, state: State, attempts: _Made) -> bool:
-        """Return whether all episodes with results end, so that their tables are never seen.
-
-        With one attempt in an episode, the default at depth 1, this is so in every step, and saves
-        the copy of all tables. False for shaped rewards, which depend on the tables, and on a
-        device, where asking would wait.
-        """
-        if self._is_shaped or self.arrays.on_device:
-            return False
-        is_last = state.attempts_left[attempts.rows] == 1
-        return bool((attempts.is_goal | is_last).all())
 
     def _put_on_table(self, state: State, attempts: _Made) -> tuple[Array, Array, list[Array]]:
         """Put new results into the first free slots.

@@ -109,8 +109,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     1``, and the selection has shape (S,).
 
     ## Rewards
-    +1 when the goal is made. A :class:`~wordcraft_kg.envs.world_config.RewardConfig` may add shaped
-    rewards; success never depends on shaping.
+    +1 when the goal is made. ``reward`` may add shaped rewards; success never depends on shaping.
 
     ## Starting state
     A task from the chosen part of the split, and distractors drawn without replacement. Goal,

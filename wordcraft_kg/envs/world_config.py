@@ -1,6 +1,5 @@
 """Settings for the crafting environments."""
 
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
@@ -11,7 +10,6 @@ from wordcraft_kg.base import (
     UnknownSettingError,
     check_choices,
     nearest,
-    number_in,
     require,
     whole,
 )
@@ -39,27 +37,18 @@ def check_mode(mode: str | None) -> None:
 
 @dataclass(frozen=True)
 class RewardConfig:
-    """Shaped rewards in addition to +1 for the goal, all 0 or more.
+    """Shaped rewards in addition to +1 for the goal.
 
     Attributes:
         wrong_pair_penalty: subtracted if an attempt makes nothing.
         irrelevant_penalty: subtracted if an attempt makes neither the goal nor an intermediate (an
             earlier product of a plan).
         intermediate_reward: added when an attempt first makes an intermediate.
-
-    Raises:
-        ConfigError: if a value is negative, not finite or no number.
     """
 
     wrong_pair_penalty: float = 0.0
     irrelevant_penalty: float = 0.0
     intermediate_reward: float = 0.0
-
-    def __post_init__(self) -> None:
-        largest = sys.float_info.max
-        for entry in fields(self):
-            value = getattr(self, entry.name)
-            number_in(entry.name, value, 0, largest, "a finite number, 0 or more")
 
 
 RewardFunction = Callable[[Any, Any, Any], Any]
@@ -70,7 +59,7 @@ REWARDS: Registry[RewardConfig | RewardFunction] = Registry(
     "wordcraft_kg.rewards",
     {"sparse": RewardConfig(), "official": RewardConfig(0.1, 0.1, 1.0)},
 )
-"""Reward presets by name, and functions of plugins.
+"""Rewards by name: presets, those of your own, and functions of plugins.
 
 ``official`` has the values in the paper's released code, with sub-goal rewards enabled.
 """
@@ -87,8 +76,7 @@ class WordCraftConfig:
             ingredients of the largest plan; 1, 2 and 8 in the paper. A task with fewer ingredients
             has more, so that all tables have the same size.
         max_attempts: attempts in an episode; None means ``depth``.
-        reward: a preset's name (``sparse``, ``official``), that of a plugin's function, or a
-            :class:`RewardConfig`.
+        reward: a name in :data:`REWARDS`: ``sparse``, ``official``, or that of a plugin's function.
         distractor_weighting: weights of entities for drawing distractors without replacement:
             ``use`` is 1 + the number of train recipes that use the entity as an ingredient,
             ``uniform`` is equal. By ``use``, entities with few uses are rarely distractors, so the
@@ -113,7 +101,7 @@ class WordCraftConfig:
     depth: int = 1
     num_distractors: int = 8
     max_attempts: int | None = None
-    reward: str | RewardConfig = "sparse"
+    reward: str = "sparse"
     distractor_weighting: DistractorWeighting = "use"
     pays_held_out: bool = False
     num_tasks: int = DRAWN_TASKS
@@ -140,13 +128,9 @@ class WordCraftConfig:
         self._whole("num_tasks", 1, MAX_SIZE)
         self._whole("task_seed", 0, None)
         check_choices(self)
-        # A name is kept as the setting, for records; its values are the derived field.
-        rewards: Any = self.reward
-        if not isinstance(rewards, RewardConfig):
-            REWARDS.check("reward", rewards)
-            rewards = REWARDS[rewards]
+        REWARDS.check("reward", self.reward)
         # A frozen dataclass sets its derived fields by the way around.
-        object.__setattr__(self, "rewards", rewards)
+        object.__setattr__(self, "rewards", REWARDS[self.reward])
         object.__setattr__(self, "attempts", self.max_attempts or self.depth)
 
     @classmethod

@@ -6,12 +6,11 @@ methods of :class:`Tracker`.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
-from wordcraft_kg.base import MissingExtraError, one_of
-from wordcraft_kg.base.extras import missing_extra
+from wordcraft_kg.base import one_of
+from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.runs.record import Status
 from wordcraft_kg.runs.run_folder import RunFolder
 
@@ -51,8 +50,6 @@ class Tracker(Protocol):
 class TensorBoard:
     """Metric tracker that writes TensorBoard event files to ``tensorboard/`` in the run folder."""
 
-    library = "torch.utils.tensorboard"
-
     def __init__(self, folder: Path, step: int):
         """Open the event files.
 
@@ -61,8 +58,9 @@ class TensorBoard:
             step: finished epochs or steps of a resumed run. Metrics of later steps, which an
                 interrupted process logged after its last checkpoint, are removed.
         """
-        writer = import_module(self.library).SummaryWriter
-        self._writer = writer(str(folder / "tensorboard"), purge_step=step or None)
+        from torch.utils.tensorboard import SummaryWriter
+
+        self._writer = SummaryWriter(str(folder / "tensorboard"), purge_step=step or None)
 
     def log(self, step: int, values: Mapping[str, float]) -> None:  # noqa: D102 - see the protocol
         for name, value in values.items():
@@ -85,10 +83,7 @@ def check_trackers(trackers: Iterable[Tracker | str]) -> None:
     """
     for name in names_of(trackers):
         one_of("trackers", name, tuple(TRACKERS))
-        try:
-            import_module(TRACKERS[name].library)
-        except ImportError:
-            raise MissingExtraError(f"`trackers` {name!r}: {missing_extra(name, [name])}") from None
+        check_extra(name)
 
 
 def names_of(trackers: Iterable[Tracker | str]) -> tuple[str, ...]:

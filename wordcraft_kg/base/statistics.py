@@ -113,7 +113,7 @@ def cluster_interval(
     return low, high
 
 
-def standardised(table: NDArray[np.floating], among: NDArray[np.integer] | None = None) -> Scores:
+def standardised(table: NDArray[np.floating]) -> Scores:
     """Return scores scaled to mean 0 and standard deviation 1 over pairs of different entities.
 
     Self scores (the diagonal) are scaled too but do not count for mean and deviation, because they
@@ -121,15 +121,13 @@ def standardised(table: NDArray[np.floating], among: NDArray[np.integer] | None 
 
     Args:
         table: scores of all pairs, shape (E, E).
-        among: ids of the entities whose pairs count; None for all.
 
     Returns:
         shape (E, E), float. If all counted scores are equal, only the mean is subtracted.
     """
     scores = np.asarray(table, dtype=np.float64)
-    pair_scores = scores if among is None else scores[np.ix_(among, among)]
-    is_same = np.eye(len(pair_scores), dtype=bool)
-    different = pair_scores[~is_same]
+    is_same = np.eye(len(scores), dtype=bool)
+    different = scores[~is_same]
     deviation = different.std()
     # Scores that are equal up to rounding: dividing would amplify the rounding.
     if deviation <= 1e-12 * np.abs(different).max(initial=0):

@@ -40,8 +40,6 @@ class Discovery:
         # A GraphError for a graph of larger sets: an action names two entities.
         self._outcomes = outcomes_of(graph.recipes, graph.num_entities)
         try:
-            if isinstance(base, str):  # one label, not its letters
-                base = [base]
             if base is None:
                 base = graph.base_ids.tolist()
             ids = {graph.id_of(entity) for entity in base}

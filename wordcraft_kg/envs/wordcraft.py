@@ -217,10 +217,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             EpisodeError: before :meth:`reset`, or after the end of the episode.
         """
         if self._outcome != "in_progress":
-            is_new = self._outcome == "not_begun"
-            raise EpisodeError(
-                "call reset() before step()." if is_new else "the episode is over; call reset()."
-            )
+            raise EpisodeError("no episode is running; call reset() before step().")
         try:
             slot = operator.index(action)
         except TypeError:

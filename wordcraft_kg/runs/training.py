@@ -182,7 +182,7 @@ def train(
             recorded = _checked_settings(files, config, opened, trainer)
             if is_done:
                 return trainer.outcome(files)
-            if kind.has_checkpoints(folder):
+            if kind.checkpoints(folder).records():
                 training = trainer.of(recorded, opened)
                 resumed = resumed_run(folder, training.kind)
                 with shown(progress, training.kind) as report, resumed as run:

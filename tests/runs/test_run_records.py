@@ -34,7 +34,6 @@ from wordcraft_kg.base import (
 )
 from wordcraft_kg.base.artefacts import locked
 from wordcraft_kg.runs.checkpoints import Checkpoints, train_in_processes
-from wordcraft_kg.runs.config_file import read_config, write_config
 from wordcraft_kg.runs.record import (
     RunFiles,
     check_done,
@@ -207,7 +206,7 @@ def folder_of_config_file(tmp_path, monkeypatch):
 
 def written(features, folder_of_config_file):
     AgentConfig("kitchen", policy=PolicyConfig(features=features)).write(folder_of_config_file)
-    return str(read_config(folder_of_config_file)[1]["features"])
+    return AgentConfig.read(folder_of_config_file).policy.features
 
 
 @pytest.mark.parametrize(
@@ -271,11 +270,11 @@ def test_what_is_written_is_read_back(folder_of_config_file, config):
 
 
 def test_a_file_that_says_the_same_is_left_alone(folder_of_config_file):
-    write_config(folder_of_config_file, "train-complex", {"graph": "kitchen"})
+    LinksConfig("kitchen").write(folder_of_config_file)
     before = (folder_of_config_file / "config.toml").stat().st_ino
-    write_config(folder_of_config_file, "train-complex", {"graph": "kitchen"})
+    LinksConfig("kitchen").write(folder_of_config_file)
     assert (folder_of_config_file / "config.toml").stat().st_ino == before
-    write_config(folder_of_config_file, "train-complex", {"graph": "everyday"})
+    LinksConfig("everyday").write(folder_of_config_file)
     assert "everyday" in (folder_of_config_file / "config.toml").read_text()
 
 
@@ -332,11 +331,11 @@ def test_the_file_of_a_made_up_book_stays_found_from_elsewhere(tmp_path, monkeyp
     monkeypatch.chdir(tmp_path)
     Path("book.csv").write_text("")
     Path("run").mkdir()
-    write_config(Path("run"), "train-agent", {"graph": "made-up-7:book.csv"})
-    assert read_config(Path("run"))[1]["graph"] == "made-up-7:book.csv"
+    AgentConfig("made-up-7:book.csv").write(Path("run"))
+    assert AgentConfig.read(Path("run")).graph == "made-up-7:book.csv"
     Path("below").mkdir()
     monkeypatch.chdir("below")
-    assert read_config(Path("../run"))[1]["graph"] == "made-up-7:../book.csv"
+    assert AgentConfig.read(Path("../run")).graph == "made-up-7:../book.csv"
 
 
 LINKS = LinksConfig("kitchen", ComplExConfig(dim=4, epochs=3, n3=0.1, checkpoint_every=1, folds=0))

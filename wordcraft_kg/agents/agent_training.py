@@ -281,7 +281,6 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         inputs = {name: value for name, value in hashes.items() if value is not None}
         if features is not None:
             inputs["features"] = features.sha256
-            self.facts["missing_words"] = tuple(features.missing_words)
         self.facts["inputs"] = inputs
         self.facts["plugins"] = config.plugins | SPLITS.plugins(self.opened.split.config.kind)
 

@@ -24,7 +24,6 @@ from wordcraft_kg.envs.world_config import (
     check_mode,
 )
 from wordcraft_kg.graphs import GraphLike
-from wordcraft_kg.graphs.tasks import CraftingTask
 
 Arrays = dict[str, NDArray[Any]]
 _NAMES = np.array(OUTCOMES, dtype=object)
@@ -272,11 +271,6 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             int(batch.attempts_left[0]),
             self._outcome,
         )
-
-    @property
-    def task(self) -> CraftingTask:
-        """The task of the current episode."""
-        return self.tasks[self.state.task]
 
     def _info(self, *, illegal: bool, by_plan: bool) -> Info:
         return {

@@ -102,7 +102,6 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
             scored by a model that has seen them.
         trackers: names of metric trackers, such as tensorboard.
         plugins: SHA-256 of the plugin files that the run needs, by file name.
-        missing_words: words in entity labels that have no word vector.
         outputs: SHA-256 of each file that training wrote, by name; empty until the run is done.
         resumed: all resumptions, in order.
     """
@@ -123,7 +122,6 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
     cross_fitted: int = 0
     trackers: tuple[str, ...] = ()
     plugins: dict[str, str] = msgspec.field(default_factory=dict)
-    missing_words: tuple[str, ...] = ()
     outputs: dict[str, str]
     resumed: tuple[Resumption, ...] = ()
 

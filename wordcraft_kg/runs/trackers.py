@@ -74,21 +74,21 @@ TRACKERS = {"tensorboard": TensorBoard}
 """Tracker classes by name; each takes run folder and finished steps."""
 
 
-def check_trackers(trackers: Iterable[Tracker | str]) -> None:
+def check_trackers(trackers: Iterable[Tracker | str]) -> tuple[str, ...]:
     """Check that the trackers given by name can be opened.
+
+    Returns:
+        Their names; only these can be opened again by a resumed run.
 
     Raises:
         ConfigError: for an unknown name.
         MissingExtraError: if a tracker's library is not installed.
     """
-    for name in names_of(trackers):
+    names = tuple(tracker for tracker in trackers if isinstance(tracker, str))
+    for name in names:
         one_of("trackers", name, tuple(TRACKERS))
         check_extra(name)
-
-
-def names_of(trackers: Iterable[Tracker | str]) -> tuple[str, ...]:
-    """Return the trackers given by name; only these can be opened again by a resumed run."""
-    return tuple(tracker for tracker in trackers if isinstance(tracker, str))
+    return names
 
 
 @contextmanager

@@ -47,7 +47,6 @@ from wordcraft_kg.base import (
     OutputExistsError,
     as_values,
 )
-from wordcraft_kg.base.statistics import wilson_interval
 from wordcraft_kg.graphs import SplitConfig, make_split
 
 SMALL = StudyConfig(tasks=3, distractors=(1, 8), forms=2, seed=5)
@@ -512,9 +511,3 @@ def test_the_record_and_an_answer_have_nothing_about_people(study, protocol, kit
         "success",
         "seconds",
     ]
-
-
-@pytest.mark.parametrize(("successes", "n"), [(0, 0), (-1, 3), (4, 3)])
-def test_a_rate_that_cannot_be_is_refused(successes, n):
-    with pytest.raises(ConfigError, match="expected"):
-        wilson_interval(successes, n)

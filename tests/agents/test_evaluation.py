@@ -139,7 +139,7 @@ def termination(env, info, pair, recipes):
     labels = [names[entity] if entity < len(names) else None for entity in pair]
     if len(labels) == 2 and labels[0] is not None and labels[0] == labels[1]:
         return "same_twice"
-    right = {part for plan in env.task.plans for part in plan[-1][:2]}
+    right = {part for plan in env.tasks[env.state.task].plans for part in plan[-1][:2]}
     if any(label in right for label in labels):
         return "one_right_part"
     if any(sorted(pair) == sorted(recipe[:2]) for recipe in recipes):

@@ -395,7 +395,6 @@ def test_steps_are_rounded_up_to_whole_updates(steps, updates):
 
 def test_the_environment_gets_all_settings_of_the_tasks():
     other = {"depth": 2, "max_attempts": 3, "reward": "official", "distractor_weighting": "uniform"}
-    other |= {"distractor_policy": "no_shortcut", "task_weighting": "goal", "ambiguity": "last"}
     other |= {"pays_held_out": True}
     tasks = TaskConfig(distractors=7, **other)
     assert all(

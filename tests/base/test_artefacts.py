@@ -200,18 +200,9 @@ def test_an_output_through_links_replaces_the_end_and_keeps_the_links(tmp_path, 
     assert [path.name for path in (tmp_path / "disk").iterdir()] == ["far"]
 
 
-def refuse_link(source, target):
-    """Link as on a file system without hard links."""
-    raise PermissionError
-
-
-@pytest.mark.parametrize("link", [os.link, refuse_link])
 @pytest.mark.parametrize("write", [to_a_folder, to_a_file])
-def test_of_two_outputs_at_once_the_second_is_refused_unless_it_is_forced(
-    tmp_path, monkeypatch, write, link
-):
+def test_of_two_outputs_at_once_the_second_is_refused_unless_it_is_forced(tmp_path, write):
     """Both have checked that nothing is there before either is complete."""
-    monkeypatch.setattr(os, "link", link)
     out = tmp_path / "out"
     with pytest.raises(OutputExistsError, match=r"another process has written '.*out'"):
         write(out, "second", force=False, meanwhile=lambda: write(out, "first", force=False))

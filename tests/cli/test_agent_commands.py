@@ -96,14 +96,12 @@ def test_a_run_s_own_settings_reproduce_it(world, tmp_path):
 SLOW_CHOICES = [
     ("--features one-hot", {"policy_lag": 1, "unroll": 4}),
     ("--features random --depth 2 --max-attempts 3 --reward official", {"pooling": "max"}),
-    ("--features shuffled:glove", {"task_weighting": "goal"}),
+    ("--features shuffled:glove", {"pays_held_out": True}),
     ("--scorer {scorer} --kg-only --use v --mixing softmax", {"scale": "ranks"}),
     ("--scorer {scorer} --use u", {"scale": "log-softmax", "self_edges": "drop"}),
     ("--scorer {scorer}", {"scale": "none", "self_edges": "keep"}),
 ]
 OF_OLD = {
-    "distractor_policy": "no_shortcut",
-    "ambiguity": "last",
     "distractor_weighting": "uniform",
 }
 

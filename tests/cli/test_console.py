@@ -156,7 +156,7 @@ def test_every_help_has_usage_examples_and_at_most_thirty_options(run):
 
 def test_options_that_no_guide_needs_are_named_for_the_file_alone(run):
     text = " ".join(run("train-agent", "--help").out.split())
-    assert "Further settings, by --config FILE in a table [train-agent]: ambiguity," in text
+    assert "Further settings, by --config FILE in a table [train-agent]: baseline_cost," in text
     assert " clip, " in text
     assert "--clip" not in text
 

@@ -21,12 +21,10 @@ from wordcraft_kg.base.settings import (
 )
 from wordcraft_kg.envs.world_config import (
     REWARDS,
-    Ambiguity,
-    DistractorPolicy,
     DistractorWeighting,
     WordCraftConfig,
 )
-from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
+from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.policies.sources import need_no_scorer
 from wordcraft_kg.runs.config_file import RunConfig
@@ -102,11 +100,6 @@ class TaskConfig:
             released code), or a plugin's; success counts only goals in all cases.
         distractor_weighting: sample distractors by use (weight 1 + number of train recipes that
             use the entity as an ingredient) or uniform.
-        distractor_policy: any; no_shortcut, so that no distractor opens an additional way to the
-            goal; or no_train_shortcut, so that none opens an additional way by train recipes alone.
-        task_weighting: sample train tasks by task (uniformly) or by goal (first a goal, then a task
-            with this goal).
-        ambiguity: all results of a pair, or only the last (as in the paper's released code).
         pays_held_out: let held-out pairs make their results in training too, as the paper's
             released code does. Such an agent is paid for test recipes: for comparison only.
 
@@ -123,9 +116,6 @@ class TaskConfig:
     max_attempts: int | None = None
     reward: str = "sparse"
     distractor_weighting: DistractorWeighting = WordCraftConfig.distractor_weighting
-    distractor_policy: DistractorPolicy = WordCraftConfig.distractor_policy
-    task_weighting: TaskWeighting = WordCraftConfig.task_weighting
-    ambiguity: Ambiguity = WordCraftConfig.ambiguity
     pays_held_out: bool = False
 
     def __post_init__(self) -> None:

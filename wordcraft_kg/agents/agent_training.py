@@ -105,7 +105,7 @@ def train_agent(
         config: all settings.
         out: run folder. Default: ``runs/<graph name>-<scorer folder or no-kg>``.
         force: train anew and replace the folder.
-        trackers: places to which the lines of metrics go too, by name (tensorboard, wandb)
+        trackers: places to which the lines of metrics go too, by name (tensorboard)
             or as objects.
         progress: called after each line of metrics; True shows a bar, None or False nothing.
 
@@ -278,7 +278,6 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         hashes = self.input_hashes(config)
         inputs = {name: value for name, value in hashes.items() if value is not None}
         inputs["features"] = features.sha256
-        self.facts["missing_words"] = tuple(features.missing_words)
         self.facts["inputs"] = inputs
         self.facts["plugins"] = config.plugins | SPLITS.plugins(self.opened.split.config.kind)
 

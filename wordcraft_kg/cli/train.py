@@ -80,13 +80,11 @@ FILE_ONLY = {
     ],
     # Settings of the paper's released code, or chosen once for all by studies.
     "train-agent": [
-        "--ambiguity",
         "--baseline-cost",
         "--batch-size",
         "--checkpoint-every",
         "--clip",
         "--discount",
-        "--distractor-policy",
         "--distractor-weighting",
         "--dropout",
         "--embedding-size",
@@ -106,7 +104,6 @@ FILE_ONLY = {
         "--sees-attempts",
         "--self-edges",
         "--tables",
-        "--task-weighting",
         "--threads",
         "--unroll",
         "--value-readout",

@@ -40,7 +40,7 @@ from wordcraft_kg.base import (
 from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.envs.draws import MOST_TASKS, default_seeds, sampled_tasks
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.envs.world_config import DistractorPolicy, WordCraftConfig
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.evaluation.agent_metrics import (
     AgainstScorer,
     AgentSuccess,
@@ -66,7 +66,7 @@ from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.policies.sources import shown_setting
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 
-_RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
+_RULES = ("depth", "max_attempts", "distractor_weighting")
 """Task settings that must be equal in all compared agents."""
 # The fewest and the most distractors of the paper.
 DISTRACTORS = (1, 8)
@@ -378,12 +378,10 @@ def _words_beside(agent: OpenedAgent) -> dict[str, players.Player]:
 def _conditions(
     agents: Sequence[OpenedAgent], part: TaskPart, distractors: Sequence[int] | None
 ) -> tuple[World, list[int]]:
+    _check_alike(agents)
     first = agents[0]
     headline = first.config.tasks.distractors
     world = World(first.opened, first.config.tasks.environment(part, headline))
-    # Enumerated tasks are equal for all agents, sampled ones only if sampled in the same way.
-    rules = _RULES if world.tasks.is_complete else (*_RULES, "task_weighting")
-    _check_alike(agents, rules)
     if distractors is None:
         # A small graph may have too few entities for eight distractors.
         usual = (amount for amount in DISTRACTORS if amount <= world.max_distractors)
@@ -402,7 +400,7 @@ def _conditions(
     return world, played
 
 
-def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
+def _check_alike(agents: Sequence[OpenedAgent]) -> None:
     first = agents[0]
     for agent in agents[1:]:
         if agent.opened.split.hash != first.opened.split.hash:
@@ -411,7 +409,7 @@ def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
                 "their tasks differ, so their results cannot be compared. Train all runs on the "
                 "same graph folder."
             )
-        for rule in rules:
+        for rule in _RULES:
             value = getattr(agent.config.tasks, rule)
             expected = getattr(first.config.tasks, rule)
             if value != expected:
@@ -511,7 +509,6 @@ class AgentEvaluation(Record):
         checkpoint: checkpoint of the agent's weights.
         part: split part with the tasks.
         depth: fewest attempts that solve a task.
-        distractor_policy: where distractors are drawn from.
         success: success rate by distractor count.
         outcomes: share of episodes by termination reason, by distractor count.
         against_scorer: comparison of the agent with its scorer alone, by distractor count; None
@@ -525,7 +522,6 @@ class AgentEvaluation(Record):
     checkpoint: str
     part: TaskPart
     depth: int
-    distractor_policy: DistractorPolicy
     success: dict[str, Success]
     outcomes: dict[str, dict[TerminationReason, Share]]
     against_scorer: dict[str, AgainstScorer] | None
@@ -598,7 +594,6 @@ def view_evaluation(
         checkpoint=agent.checkpoint,
         part=part,
         depth=tasks.depth,
-        distractor_policy=world.config.distractor_policy,
         success={str(amount): result.metrics() for amount, result in results.items()},
         outcomes={str(amount): result.shares() for amount, result in results.items()},
         against_scorer=against_scorer,
@@ -655,7 +650,6 @@ class Baselines(Record):
         graph: the graph as the user named it.
         part: split part with the tasks.
         depth: fewest attempts that solve a task.
-        distractor_policy: where distractors are drawn from.
         tasks: number of played tasks.
         distractor_seeds: tables per task.
         seed: seed of distractors and of the players' choices.
@@ -667,7 +661,6 @@ class Baselines(Record):
     graph: str
     part: TaskPart
     depth: int
-    distractor_policy: DistractorPolicy
     tasks: Count
     distractor_seeds: Count
     seed: int
@@ -744,7 +737,6 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
         graph=graph,
         part=config.part,
         depth=config.depth,
-        distractor_policy=config.distractor_policy,
         tasks=len(played),
         distractor_seeds=tables,
         seed=seed,

@@ -131,10 +131,6 @@ class RunKind(Generic[P]):
         """Return an object that saves and loads the checkpoints in a run folder."""
         return Checkpoints(folder, self.unit, self.progress, kept=self.kept)
 
-    def has_checkpoints(self, folder: Path) -> bool:
-        """Return whether something is saved in a run folder from which the run can go on."""
-        return bool(self.checkpoints(folder).records())
-
 
 class RunFolder(Generic[P]):
     """A locked run folder in which this process trains.

@@ -21,7 +21,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.agents.agent_config import TaskConfig
 from wordcraft_kg.base import (
     ArtefactError,
     Count,
@@ -41,6 +40,7 @@ from wordcraft_kg.base import (
 from wordcraft_kg.base.artefacts import locked
 from wordcraft_kg.envs.draws import MOST_TASKS, distance_of
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import PlayedGraph, open_graph
 from wordcraft_kg.studies.plan import Plan, hash_of
 from wordcraft_kg.studies.study import Study, StudyCell, Values
@@ -338,8 +338,6 @@ def read_metrics(folder: Path, kind: type[F]) -> F:
     return as_record(values["figures"], kind, path)
 
 
-_OF_TASKS = ("depth", "task_weighting")
-"""Settings on which tasks and their groups depend."""
 _STUDIES = "studies"
 _STOP = ".stop"
 
@@ -448,15 +446,14 @@ def collect_study(root: Path, name: str) -> StudyResults:
 
     # Opening a graph and finding its tasks takes seconds, and most runs share them.
     @cache
-    def groups_at(graph: str, **task_settings: Any) -> tuple[int, ...]:
+    def groups_at(graph: str, depth: int) -> tuple[int, ...]:
         """Return the resampling group of each played task, numbered by first appearance."""
         try:
             opened = open_graph(str(root / graph))
         except WordCraftKGError as error:
             raise ArtefactError(f"{error} {REMAKE}") from error
         # A small book may lack room for the default number of distractors.
-        config = TaskConfig(**task_settings).environment("test", distractors=0)
-        every = World(opened, config).groups
+        every = World(opened, WordCraftConfig("test", depth, num_distractors=0)).groups
         # Of very many tasks, an even sample is played.
         played = every[:: distance_of(len(every), MOST_TASKS)].tolist()
         numbers = {group: number for number, group in enumerate(dict.fromkeys(played))}
@@ -476,8 +473,8 @@ def collect_study(root: Path, name: str) -> StudyResults:
     ):
         try:
             figures = _run_metrics(root / address)
-            of_tasks = {name: cell.settings[name] for name in _OF_TASKS if name in cell.settings}
-            group_of_task = groups_at(graph, **of_tasks)
+            depth: Any = cell.settings.get("depth", WordCraftConfig.depth)
+            group_of_task = groups_at(graph, depth)
             if len(figures.won) != len(group_of_task):
                 raise ArtefactError(
                     f"{root / address} has results of {len(figures.won):,} tasks; expected "

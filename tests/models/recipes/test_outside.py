@@ -34,7 +34,6 @@ from wordcraft_kg.models.knowledge.knowledge_folder import (
 from wordcraft_kg.models.knowledge.outside import join_books, open_outside
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
 from wordcraft_kg.models.scorers.neighbours.links import OF_COMPONENTS
-from wordcraft_kg.runs.config_file import read_config
 
 SMALL = RecipeScorerConfig(folds=3, features="one-hot")
 
@@ -208,8 +207,8 @@ def test_a_model_with_outside_knowledge_is_trained_and_found_again(opened, knowl
     settings = replace(SMALL, with_=(str(knowledge), other))
     trained = train_recipes(RecipesConfig(opened.source, settings), tmp_path / "model")
     assert [source.kind for source in trained.metrics.outside] == ["tables", "book"]
-    _, written = read_config(trained.folder)
-    assert [Path(path).resolve() for path in written["with"][:2]] == [
+    written = RecipesConfig.read(trained.folder).settings.with_
+    assert [Path(path).resolve() for path in written[:2]] == [
         knowledge.resolve(),
         Path(other).resolve(),
     ]

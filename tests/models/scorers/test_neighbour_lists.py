@@ -409,7 +409,6 @@ def test_stored_ids_outside_the_book_are_damage(name):
         ({"vectors": torch.zeros(SIZE - 1, 4).half()}, "near_words has type .* T = 11"),
         ({"vectors": torch.full((SIZE, 4), 2.0).half()}, "vectors holds numbers above 1"),
         ({"seen": torch.ones(2, 3, dtype=torch.bool)}, "seen has type"),
-        ({"bias": torch.full((1,), 3e38)}, "bias holds NaN, infinity or a number above 1e"),
         ({"recipes": torch.zeros(3, 3)}, "recipes has type torch.float32"),
         ({"componentOf_table": torch.zeros(1, 3, 3).half()}, "_table has type"),
     ],

@@ -195,7 +195,7 @@ class Explored:
             TaskError: if there is no task.
         """
         # The search for tasks takes seconds, so settings that differ only in rules share one world.
-        settings = ("part", "depth", "task_weighting", "num_tasks", "task_seed", "pays_held_out")
+        settings = ("part", "depth", "num_tasks", "task_seed", "pays_held_out")
         plain = WordCraftConfig(
             num_distractors=0, **{name: getattr(config, name) for name in settings}
         )

@@ -162,14 +162,7 @@ class HumanProtocol:
     @property
     def settings(self) -> dict[str, int | str]:
         """Settings that change tasks or results, without the number of distractors."""
-        names = (
-            "depth",
-            "attempts",
-            "distractor_weighting",
-            "distractor_policy",
-            "task_weighting",
-            "ambiguity",
-        )
+        names = ("depth", "attempts", "distractor_weighting")
         return {name: getattr(self.world.config, name) for name in names}
 
     def task(self, seed: int, part: str, number: int) -> PosedTask:

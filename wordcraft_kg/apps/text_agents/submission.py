@@ -52,7 +52,6 @@ from wordcraft_kg.base import (
 from wordcraft_kg.base.artefacts import SMALL_FILE, ZipArchive, has_only_temporary
 from wordcraft_kg.base.settings import one_line
 from wordcraft_kg.base.statistics import student_interval, task_bootstrap
-from wordcraft_kg.base.wording import look_alike_key
 
 MESSAGES = "messages"
 """Folder in a submission with a text player's prompts and answers, which verification ignores."""
@@ -530,7 +529,8 @@ def _check_versions(path: Path, submission: Submission) -> None:
             raise _refused(path, name, getattr(submission, name), value)
     # Nobody could verify who played: answers of people are in the folder of `people serve`, which
     # checks them, and in `people summary`.
-    if look_alike_key("people") in look_alike_key(submission.kind):
+    # In ASCII, so that no letters of other scripts write "people".
+    if not submission.kind.isascii() or "people" in submission.kind.casefold():
         expected = "the kind of a program or model, since a submission cannot show who played"
         raise _refused(path, "kind", submission.kind, expected, "give the folder of `people serve`")
     for name in ("player", "kind", "training_data", "licence"):

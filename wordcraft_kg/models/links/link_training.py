@@ -184,7 +184,7 @@ def train_links(
         out: the model folder. Default: ``models/<graph name>-<kg>``, or ``-<model>-<kg>`` except
             for ComplEx.
         force: replace the folder if it exists.
-        trackers: further places for each epoch's metrics: tensorboard, wandb, or a
+        trackers: further places for each epoch's metrics: tensorboard, or a
             :class:`~wordcraft_kg.runs.trackers.Tracker` of your own.
         progress: called after each epoch; True shows a bar, None or False nothing.
 

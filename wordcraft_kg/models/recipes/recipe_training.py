@@ -200,7 +200,7 @@ def tables_alone(outside: LinkTables, words: Words) -> RecipeKnowledge:
     size = len(words.vectors)
 
     def mean(tables: Sequence[Tensor]) -> Tensor:
-        scaled = [torch.from_numpy(standardised(table.numpy(), None)) for table in tables]
+        scaled = [torch.from_numpy(standardised(table.numpy())) for table in tables]
         return torch.stack(scaled).float().mean(0) if scaled else torch.zeros(size, size)
 
     tables = {COMBINES_WITH: mean(outside.pairs), COMPONENT_OF: mean(outside.parts)}

@@ -178,7 +178,7 @@ def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks
     lists = knowledge.lists
     generator = torch.Generator().manual_seed(seed)
     goal_amounts = knowledge.amounts[knowledge.goal_ids]
-    inputs = knowledge.inputs(goal_amounts, knowledge.words[knowledge.goal_ids])
+    inputs = knowledge.inputs(knowledge.goal_ids)
     num_ingredients = len(knowledge.ingredient_ids)
     options = [np.flatnonzero(column) for column in lists.has_part.T]
     # Padding is an ingredient behind the last, which is never allowed.
@@ -198,16 +198,14 @@ def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks
     banned = torch.from_numpy(np.where(can[is_lesson], 0, _NEVER).astype(np.float32))
     target = torch.from_numpy(is_target[is_lesson].astype(np.float32))
     target /= target.sum(1, keepdim=True)
-    starts = np.searchsorted(recipe, np.arange(len(lists.recipe_goals) + 1))
     goals = torch.from_numpy(lists.recipe_goals)
-    counts = torch.from_numpy(np.diff(starts))
-    first = torch.from_numpy(starts)
+    counts = torch.from_numpy(np.bincount(recipe, minlength=len(goals)))
+    # Lessons are in the order of recipes.
+    lessons_of_recipe = torch.arange(len(recipe)).split(counts.tolist())
 
     def loss_of(networks: Networks, rows: Tensor, drop: Callable[[Tensor], Tensor]) -> Tensor:
-        num_lessons = counts[rows]
-        place = torch.repeat_interleave(torch.arange(len(rows)), num_lessons)
-        starts_of_rows = torch.cumsum(num_lessons, 0) - num_lessons
-        lesson = torch.arange(len(place)) + (first[rows] - starts_of_rows)[place]
+        place = torch.repeat_interleave(torch.arange(len(rows)), counts[rows])
+        lesson = torch.cat([lessons_of_recipe[row] for row in rows.tolist()])
         scores = torch.nn.functional.pad(networks(inputs[goals[rows]], drop), (0, 1))
         if not len(place):
             # The mean of no lesson is no number; such recipes teach nothing.
@@ -230,14 +228,12 @@ def candidates_of(knowledge: SetKnowledge, network: Networks, recipes: Ids) -> l
         recipes: shape (n, 9).
     """
     goals, of_recipe = np.unique(recipes[:, -1], return_inverse=True)
-    amounts = knowledge.amounts[goals]
-    words = knowledge.words[goals]
     with torch.no_grad():
-        scores = torch.log_softmax(network(knowledge.inputs(amounts, words)), 2).mean(0).numpy()
+        scores = torch.log_softmax(network(knowledge.inputs(goals)), 2).mean(0).numpy()
     results = []
     order = np.argsort(of_recipe, kind="stable")
     for row, goal_rows in enumerate(np.split(order, np.cumsum(np.bincount(of_recipe))[:-1])):
-        goal = knowledge.goal(amounts[row], words[row], scores[row], entity=goals[row])
+        goal = knowledge.goal(goals[row], scores[row])
         sets, features = knowledge.candidates(goal)
         # An ingredient that other recipes lack is in no candidate.
         members = recipes[goal_rows, :-1]

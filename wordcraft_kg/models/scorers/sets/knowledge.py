@@ -205,9 +205,10 @@ class SetKnowledge:
         numbers.sort(axis=1)
         return np.where(numbers == _BEHIND, NO_INGREDIENT, numbers)
 
-    def inputs(self, amounts: Vector, words: Vector) -> torch.Tensor:
-        """Return what the network sees of goals, shape (n, 2 P + D)."""
-        columns = [np.sqrt(amounts), amounts > 0, words]
+    def inputs(self, goals: Ids) -> torch.Tensor:
+        """Return what the network sees of goals, ids (n,): shape (n, 2 P + D)."""
+        amounts = self.amounts[goals]
+        columns = [np.sqrt(amounts), amounts > 0, self.words[goals]]
         return torch.from_numpy(np.concatenate(columns, axis=1)).float()
 
     def allowed(self, amounts: Vector) -> Flags:
@@ -247,34 +248,31 @@ class SetKnowledge:
 
     def goal(
         self,
-        amounts: Vector,
-        words: Vector,
+        entity: int,
         log_network: Vector,
         *,
-        entity: int = NO_INGREDIENT,
         has_coverage: bool = True,
     ) -> GoalEvidence:
         """Ask train recipes about a goal.
 
         Args:
-            amounts: its parts, shape (P,).
-            words: its unit vector, shape (D,).
+            entity: its id.
             log_network: scores of ingredients by the network, shape (N,).
-            entity: the goal's id, which is no ingredient of itself; -1 for a new one.
             has_coverage: whether ingredients may bring no part that the goal lacks.
         """
-        lists = self.lists
+        amounts = self.amounts[entity]
         cosines = np.ones(len(self.goal_ids), dtype=np.float32)
-        if words.size:
-            cosines = self._goal_words @ words
+        if self.words.size:
+            cosines = self._goal_words @ self.words[entity]
         similarity = np.empty((NUM_KERNELS, len(self.goal_ids)), dtype=np.float32)
-        set_votes = np.zeros((NUM_KERNELS, len(lists.sets)), dtype=np.float32)
+        set_votes = np.zeros((NUM_KERNELS, len(self.lists.sets)), dtype=np.float32)
         votes = np.zeros((NUM_KERNELS, len(self.ingredient_ids)), dtype=np.float32)
-        vote(lists, amounts, cosines, similarity, set_votes, votes)
+        vote(self.lists, amounts, cosines, similarity, set_votes, votes)
         is_allowed = np.ones(votes.shape[1], dtype=bool)
         if has_coverage:
             is_allowed = self.allowed(amounts[None])[0]
-        if entity >= 0 and self.number_of[entity] >= 0:
+        if self.number_of[entity] >= 0:
+            # A goal is no ingredient of itself.
             is_allowed[self.number_of[entity]] = False
         parts = np.flatnonzero(amounts > 0)
         keys = parts[self.is_key[parts]]

@@ -290,13 +290,10 @@ class SetScorer(StoredScorer):
 
     def evidence(self, entity: int, *, has_coverage: bool = True) -> GoalEvidence:
         """Return what train recipes tell of an entity as a goal."""
-        knowledge = self.knowledge
-        amounts = knowledge.amounts[entity]
-        words = knowledge.words[entity]
         with torch.no_grad():
-            network = self._network(knowledge.inputs(amounts[None], words[None]))
+            network = self._network(self.knowledge.inputs(np.array([entity])))
         log_network = torch.log_softmax(network, 2).mean(0)[0].numpy()
-        return knowledge.goal(amounts, words, log_network, entity=entity, has_coverage=has_coverage)
+        return self.knowledge.goal(entity, log_network, has_coverage=has_coverage)
 
     def _no_recipe(self, entity: int, evidence: GoalEvidence, *, has_rule: bool) -> ConfigError:
         label = self.entities[entity]

@@ -212,9 +212,7 @@ class _Draws(NamedTuple):
     log_expected: Tensor
 
     @classmethod
-    def of(
-        cls, recipes: Ids, size: int, batch: int, sampled: int, device: str
-    ) -> "_Draws":
+    def of(cls, recipes: Ids, size: int, batch: int, sampled: int, device: str) -> "_Draws":
         """Count recipes.
 
         Args:

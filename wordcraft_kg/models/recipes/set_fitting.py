@@ -227,16 +227,14 @@ def candidates_of(knowledge: SetKnowledge, network: Networks, recipes: Ids) -> l
         network: fitted to them.
         recipes: shape (n, 9).
     """
-    goals, of_recipe = np.unique(recipes[:, -1], return_inverse=True)
+    goals = np.unique(recipes[:, -1])
     with torch.no_grad():
         scores = torch.log_softmax(network(knowledge.inputs(goals)), 2).mean(0).numpy()
     results = []
-    order = np.argsort(of_recipe, kind="stable")
-    for row, goal_rows in enumerate(np.split(order, np.cumsum(np.bincount(of_recipe))[:-1])):
-        goal = knowledge.goal(goals[row], scores[row])
-        sets, features = knowledge.candidates(goal)
+    for entity, log_network in zip(goals, scores, strict=True):
+        sets, features = knowledge.candidates(knowledge.goal(entity, log_network))
         # An ingredient that other recipes lack is in no candidate.
-        members = recipes[goal_rows, :-1]
+        members = recipes[recipes[:, -1] == entity, :-1]
         is_known = ((members < 0) | (knowledge.number_of[members] >= 0)).all(1)
         right = knowledge.numbers(members[is_known])
         is_right = (sets[:, None] == right[None]).all(2).any(1)

@@ -57,7 +57,6 @@ from wordcraft_kg.models.scorers.sets.knowledge import (
 )
 from wordcraft_kg.models.scorers.sets.parts import (
     NO_PARTS,
-    PARSERS,
     Parts,
     parts_of_labels,
     read_parts,
@@ -110,11 +109,6 @@ def with_new_entities(
         ConfigError: if a label has no parts or words, or a part that the model's graph lacks.
     """
     shares = Parts.nothing(len(labels))
-    if parts not in (NO_PARTS, *PARSERS) and not Path(parts).is_file():
-        raise ConfigError(
-            f"no file '{parts}', the table of parts that the model was trained with; expected it "
-            f"for '{labels[0]}', which the graph lacks. Put the table back."
-        )
     if parts != NO_PARTS:
         amounts = parts_of_labels(parts, labels)
         for label, amounts_of_label in zip(labels, amounts, strict=True):

@@ -313,13 +313,9 @@ class SetKnowledge:
         Returns:
             sets, shape (n, 8), and features, shape (n, F); n = 0 if nothing is allowed.
         """
-        sets = np.full((_BEAM, MOST_INGREDIENTS), NO_INGREDIENT, dtype=np.int64)
-        num_sets = 0
-        if goal.missing < 0 and len(goal.keys):
-            log_sizes = goal.log_sizes[: 0 if self.has_parts else None]
-            top = _TOP if self.has_parts else _TOP_OF_ALL
-            log_again = self._log_again[np.append(goal.keys, goal.spares)]
-            num_sets = search(self.lists, goal.keys, goal.shares, log_again, log_sizes, top, sets)
+        top = _TOP if self.has_parts else _TOP_OF_ALL
+        parts = np.append(goal.keys, goal.spares)
+        searched_sets = self._searched(goal, parts, goal.shares, top)
         near = np.argsort(-goal.set_votes[0], kind="stable")[:_NEAR_SETS]
         near_sets = self.lists.sets[near]
         is_in = near_sets >= 0
@@ -327,7 +323,7 @@ class SetKnowledge:
         if has_coverage:
             brings = (self.lists.has_part[near_sets][..., goal.keys] & is_in[..., None]).any(1)
             fits &= np.all(brings, axis=1)
-        sets = np.unique(np.concatenate([sets[:num_sets], near_sets[fits]]), axis=0)
+        sets = np.unique(np.concatenate([searched_sets, near_sets[fits]]), axis=0)
         sets = sets[np.array([is_allowed(row) for row in sets], dtype=bool)]
         if not len(sets):
             return sets, np.empty((0, self.num_features), dtype=np.float32)
@@ -347,14 +343,28 @@ class SetKnowledge:
         Returns:
             shape (n, 8), numbers of ingredients.
         """
+        votes = np.tile(self.counts, (NUM_KERNELS, 1))
+        shares, _ = self._shares(goal.keys, goal.is_allowed, votes, np.log(self.counts))
+        return self._searched(goal, goal.keys, shares, _TOP)
+
+    def _searched(self, goal: GoalEvidence, parts: Ids, shares: Vector, top: int) -> Ids:
+        """Return the best sets that cover all key parts of a goal, by numbers of ingredients.
+
+        Args:
+            goal: from :meth:`goal`.
+            parts: its key parts, and parts that recipes lose.
+            shares: log shares of ingredients for these parts, shape (4, parts, N).
+            top: most ingredients that are tried for a part.
+
+        Returns:
+            shape (n, 8); n = 0 if no train recipe brings a key part.
+        """
         sets = np.full((_BEAM, MOST_INGREDIENTS), NO_INGREDIENT, dtype=np.int64)
         if goal.missing >= 0 or not len(goal.keys):
             return sets[:0]
-        votes = np.tile(self.counts, (NUM_KERNELS, 1))
-        shares, _ = self._shares(goal.keys, goal.is_allowed, votes, np.log(self.counts))
         log_sizes = goal.log_sizes[: 0 if self.has_parts else None]
-        log_again = self._log_again[goal.keys]
-        return sets[: search(self.lists, goal.keys, shares, log_again, log_sizes, _TOP, sets)]
+        log_again = self._log_again[parts]
+        return sets[: search(self.lists, goal.keys, shares, log_again, log_sizes, top, sets)]
 
     def _shares(
         self, keys: Ids, is_allowed: Flags, votes: Vector, log_network: Vector

@@ -299,14 +299,10 @@ class SetScorer(StoredScorer):
         label = self.entities[entity]
         if evidence.missing >= 0:
             part = self.part_labels[evidence.missing]
-            fault = (
-                f"no train recipe brings {part}, a part of '{label}', without parts that it lacks"
-            )
-            # An ingredient brings all of its own parts as a goal.
-            if self.knowledge.number_of[entity] >= 0:
-                fault = f"only '{label}' itself brings its part {part} without parts that it lacks"
             return ConfigError(
-                f"{fault}. Add recipes that bring it to the book, or suggest with `any_parts`."
+                f"no train recipe brings {part}, a part of '{label}', by another ingredient that "
+                f"has no part which '{label}' lacks. Add recipes that bring it to the book, or "
+                "suggest with `any_parts`."
             )
         if has_rule and len(evidence.keys):
             return ConfigError(

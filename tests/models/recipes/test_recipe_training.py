@@ -25,8 +25,8 @@ from wordcraft_kg.models.recipes import recipe_training
 from wordcraft_kg.models.recipes.committee import (
     TABLES,
     Examples,
-    _moments,
     _drawn_network,
+    _moments,
     _prepared,
     _set_gradients,
     fit_committee,

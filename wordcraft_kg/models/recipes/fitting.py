@@ -330,7 +330,9 @@ def _knowing(
     """Return a ranker that scores known recipes highest, if nothing in its examples was known.
 
     With folds by goal no held-out goal has a known recipe, and where each pair makes one thing no
-    held-out pair has a known result.
+    held-out pair has a known result. So the ranker learns nothing about the feature ``makes`` (a +
+    b makes the goal), and low scores for known pairs, even with their own results. Scores of other
+    pairs stay the same to the bit.
 
     Args:
         ranker: the fitted ranker.
@@ -348,29 +350,13 @@ def _knowing(
     slots = only_pair(goal.device)
     known_features = knowledge.features(goal, table, torch.zeros_like(goal), slots)
     highest = ranker(examples.features[examples.competes]).amax()
-    return with_known(ranker, known_features[:, 0], makes, highest)
-
-
-def with_known(ranker: Ranker, of_known: Tensor, makes: int, least: Tensor) -> Ranker:
-    """Return a ranker that scores known recipes at least ``least``, other pairs as before.
-
-    Scores of other pairs stay the same to the bit. Held-out goals have no known recipes, so the
-    ranker learns nothing about the feature ``makes`` (a + b makes the goal), and low scores for
-    known pairs, even with their own results.
-
-    Args:
-        ranker: has weights of 0 for the feature ``makes``.
-        of_known: features of known recipes, shape (n, F).
-        makes: number of the feature ``makes``.
-        least: smallest score of a known recipe, shape ().
-    """
-    units = of_known @ ranker.first + ranker.first_bias
+    units = known_features[:, 0] @ ranker.first + ranker.first_bias
     positive = ranker.second.clamp(min=0)
-    # A lower bound, because relu(x) is never below x.
+    # A lower bound of the scores of known recipes, because relu(x) is never below x.
     negative = ranker.second - positive
     scores = units.relu() @ negative + units @ positive + ranker.bias
     # The same lift for all units that raise the score.
-    lift = (least - scores.amin()).clamp(min=0) / positive.sum()
+    lift = (highest - scores.amin()).clamp(min=0) / positive.sum()
     first = ranker.first.clone()
     first[makes] = lift * (positive > 0)
     return ranker._replace(first=first)
@@ -720,15 +706,11 @@ def _tables(
     drawn_ids = np.searchsorted(ends, shares * ends[-1], "right")
     by_recipe = zip(recipes.tolist(), drawn_ids.tolist(), strict=True)
     for row, (recipe, entities) in enumerate(by_recipe):
-        distractor_ids = [entity for entity in dict.fromkeys(entities) if entity not in recipe]
-        if len(distractor_ids) < amount:
+        if len(set(entities).difference(recipe)) < amount:
             # In a small book, nearly all draws may repeat a few entities.
-            remaining_ids = [
-                candidate for candidate in rng.permutation(size).tolist() if candidate not in recipe
-            ]
-            distractor_ids = list(dict.fromkeys([*distractor_ids, *remaining_ids]))
-        table_distractors = distractor_ids[:amount]
-        tables[row, 2 : 2 + len(table_distractors)] = table_distractors
+            entities += rng.permutation(size).tolist()
+        drawn = [entity for entity in dict.fromkeys(entities) if entity not in recipe]
+        tables[row, 2 : 2 + amount] = drawn[:amount]
     return tables
 
 

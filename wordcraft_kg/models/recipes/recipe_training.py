@@ -18,11 +18,8 @@ from threadpoolctl import threadpool_limits
 from torch import Tensor
 
 from wordcraft_kg.base import ConfigError, Record, cores
-from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.base.tensors import check_device, torch_threads
 from wordcraft_kg.graphs import (
-    COMBINES_WITH,
-    COMPONENT_OF,
     Folds,
     OpenedGraph,
     RecipeGraph,
@@ -43,7 +40,7 @@ from wordcraft_kg.models.knowledge.books import (
     word_features,
     words_of_books,
 )
-from wordcraft_kg.models.knowledge.outside import LinkTables, is_book, join_books, open_outside
+from wordcraft_kg.models.knowledge.outside import is_book, join_books, open_outside
 from wordcraft_kg.models.recipes.encoder_fitting import fit_encoder, fit_encoders
 from wordcraft_kg.models.recipes.fitting import (
     LeftOut,
@@ -62,8 +59,6 @@ from wordcraft_kg.models.recipes.set_training import SetsTraining, trains_sets
 from wordcraft_kg.models.scorers.features import named
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
-from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
-from wordcraft_kg.models.scorers.ranker import Ranker
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.score_limits import check_table, fitting_workers
 from wordcraft_kg.models.scorers.scorer_folder import FOLD_OUTPUTS, write_folds, write_scorer
@@ -190,31 +185,6 @@ def encoder_of_books(
     return encoder.of_first(num_own)
 
 
-def tables_alone(outside: LinkTables, words: Words) -> RecipeKnowledge:
-    """Return a scorer of mean standardised tables: ``parts[a, c] + parts[b, c] + pairs[a, b]``.
-
-    Args:
-        outside: the tables, shape (E, E) each.
-        words: word vectors; they are kept, and have weight 0.
-    """
-    size = len(words.vectors)
-
-    def mean(tables: Sequence[Tensor]) -> Tensor:
-        scaled = [torch.from_numpy(standardised(table.numpy(), None)) for table in tables]
-        return torch.stack(scaled).float().mean(0) if scaled else torch.zeros(size, size)
-
-    tables = {COMBINES_WITH: mean(outside.pairs), COMPONENT_OF: mean(outside.parts)}
-    no_recipes = np.empty((0, 3), dtype=np.int64)
-    knowledge = RecipeKnowledge.of_recipes(no_recipes, words.vectors, words.near)
-    # A ranker that adds two features with two hidden units: relu(x) - relu(-x) is x.
-    signs = torch.tensor([1.0, -1.0])
-    first = torch.zeros(len(FEATURES), 2)
-    first[FEATURES.index("component_sum")] = signs
-    first[FEATURES.index("combines_pair")] = signs
-    ranker = Ranker(first, torch.zeros(2), signs.clone(), torch.zeros(()))
-    return knowledge.with_link_tables(tables).with_ranker(ranker)
-
-
 class RecipesTraining(FitsTraining):
     """Trainer for recipe scorers.
 
@@ -247,6 +217,11 @@ class RecipesTraining(FitsTraining):
         super().__init__(config, opened)
         settings = config.settings
         sources = (settings.with_, opened, settings.features)
+        if settings.kg == "none" and not any(map(is_book, settings.with_)):
+            raise ConfigError(
+                "`kg` none learns from outside knowledge only: expected another book in `with`, "
+                "such as everyday."
+            )
         # Outside knowledge is tables of all pairs: said before files are read and folds drawn.
         if settings.with_ and not (settings.kg == "none" and all(map(is_book, settings.with_))):
             check_table("outside knowledge (`with`)", opened.graph.num_entities)
@@ -254,12 +229,11 @@ class RecipesTraining(FitsTraining):
         self.own: Tensor | None = None
         with torch_threads(settings.threads), threadpool_limits(settings.threads):
             if settings.kg == "none":
-                joint = join_books(
+                opened, self.own, self.folds, self.outside = join_books(
                     *sources,
                     folds=settings.folds,
                     allow_missing=settings.allow_missing,
                 )
-                opened, self.own, self.folds, self.outside = joint
             else:
                 self.folds = _folds(opened, settings, self.without)
                 self.outside = open_outside(
@@ -288,8 +262,9 @@ class RecipesTraining(FitsTraining):
         self.encoders: list[LeftOut] = []
         if settings.has_encoder(num_recipes):
             self.encoders = encoders_of(self.folds, self.every)
-        num_encoders = len(self.encoders)
-        self.workers = fitting_workers(graph.num_entities, num_recipes, dim, cores(), num_encoders)
+        self.workers = fitting_workers(
+            graph.num_entities, num_recipes, dim, cores(), len(self.encoders)
+        )
         if self.has_encoder_of_others:
             self.encoders = [()]
 
@@ -407,9 +382,6 @@ class RecipesTraining(FitsTraining):
             encoders: pair encoders by the folds that they leave out.
             after: called after each set of lists and each fit.
         """
-        if not len(self.folds.recipes()):
-            yield (), tables_alone(self.outside.tables, words)
-            return
         outside = self.outside.tables
         if self.has_encoder_of_others:
             outside = outside._replace(encoder=encoders[()])

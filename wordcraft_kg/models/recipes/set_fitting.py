@@ -15,7 +15,7 @@ from wordcraft_kg.base import GraphError, Record
 from wordcraft_kg.base.tensors import MAX_WEIGHT
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge, Vector
-from wordcraft_kg.models.scorers.sets.networks import NAMES, Networks, fit
+from wordcraft_kg.models.scorers.sets.networks import Networks, fit
 from wordcraft_kg.models.scorers.sets.scorer import LIMIT
 from wordcraft_kg.runs.checkpoints import Checkpoints
 
@@ -299,7 +299,7 @@ def fit_order(lessons: Sequence[Candidates], fold_of_lesson: Ids, seed: int) -> 
     if not len(useful):
         # No set of a train goal is among its candidates, so there is nothing to learn from: equal
         # scores keep the order of the search, and a right set is as rare as the train goals say.
-        level = Networks(*(torch.zeros_like(getattr(start, name)) for name in NAMES))
+        level = Networks(*map(torch.zeros_like, start))
         none_score = math.log(longest * (num_goals + 1))
         level_calibrations = (torch.tensor([1.0, none_score]),) * (num_folds + 1)
         return FittedOrder(level, mean, deviation, level_calibrations, (0.0,) * len(TOP))

@@ -130,8 +130,9 @@ def with_new_entities(
         if features not in _WITHOUT_WORDS:
             raise
         names = ", ".join(f"'{label}'" for label in labels)
-        hint = nearest(labels[0], scorer.entities)
-        raise ConfigError(f"no words for {names}: {_WITHOUT_WORDS[features]}{hint}") from None
+        raise ConfigError(
+            f"no words for {names}: {_WITHOUT_WORDS[features]}{nearest(labels[0], scorer.entities)}"
+        ) from None
     return scorer.with_entities(labels, shares, words)
 
 
@@ -292,10 +293,9 @@ def rows_of_sets(graph: RecipeGraph, is_used: Any) -> Ids:
         Rows (ingredients, padding -1, goal).
     """
     sets = graph.sets[is_used]
+    ingredients = np.where(sets[:, :-1] == graph.num_entities, NO_INGREDIENT, sets[:, :-1])
     rows = np.full((len(sets), MOST_INGREDIENTS + 1), NO_INGREDIENT, dtype=np.int64)
-    ingredients = sets[:, :-1]
-    is_padding = ingredients == graph.num_entities
-    rows[:, : ingredients.shape[1]] = np.where(is_padding, NO_INGREDIENT, ingredients)
+    rows[:, : ingredients.shape[1]] = ingredients
     rows[:, -1] = sets[:, -1]
     return rows
 

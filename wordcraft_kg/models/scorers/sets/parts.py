@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base import ConfigError, check_file, counted, refuse
+from wordcraft_kg.base import ConfigError, check_file, counted, reason, refuse
 from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.graphs.recipes import label_fault
 
@@ -69,7 +69,7 @@ def parse_formula(label: str) -> Mapping[str, float]:
             raise ValueError("no element")
     except Exception as error:
         raise ConfigError(
-            f"'{label}' is no chemical formula ({str(error).splitlines()[0][:80]}); expected one "
+            f"'{label}' is no chemical formula ({reason(error)}); expected one "
             "such as BaTi0.9Zr0.1O3, without x or y. Write amounts as numbers, or give `parts` as "
             "a table."
         ) from None

@@ -185,8 +185,13 @@ class SetScorer(StoredScorer):
             "amounts": torch.cat([self._tensors["amounts"], amounts]),
             "words": torch.cat([self._tensors["words"], vectors]),
         }
-        settings = {"device": self.device, "name": self.name}
-        return SetScorer(tensors, (*self.entities, *labels), self.graph_hash, **settings)
+        return SetScorer(
+            tensors,
+            (*self.entities, *labels),
+            self.graph_hash,
+            device=self.device,
+            name=self.name,
+        )
 
     def recipes(
         self,

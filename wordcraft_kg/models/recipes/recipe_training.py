@@ -293,8 +293,7 @@ class RecipesTraining(FitsTraining):
         self, run: RunFolder[Record], report: Progress | None
     ) -> TrainedRecipes:
         began = time.perf_counter()
-        has_encoders = bool(self.encoders) and not self.has_encoder_of_others
-        num_lists = len(lists_of(self.folds, self.every, has_encoder=has_encoders))
+        num_lists = len(lists_of(self.folds, self.every))
         total = num_lists + len(self.encoders) + len(self.every)
         after = counter(run, report, total)
         words = Words.of(self.features)

@@ -163,11 +163,9 @@ class SetsTraining(FitsTraining):
         graph = opened.graph
         allow_missing = settings.allow_missing
         self.parts = read_parts(self.source, graph.entities, allow_missing=allow_missing)
-        self.features = settings.features
-        if self.features == "auto":
-            # Parts are enough unless words are named.
-            has_parts = self.source != NO_PARTS
-            self.features = "one-hot" if has_parts else named("auto", graph.entities)
+        # Parts are enough unless words are named.
+        is_enough = settings.features == "auto" and self.source != NO_PARTS
+        self.features = "one-hot" if is_enough else named(settings.features, graph.entities)
         self.words = word_vectors(self.features, graph.entities, allow_missing=allow_missing)
         is_used = np.ones(graph.num_recipes, dtype=bool)
         if settings.kg == "partial":

@@ -309,8 +309,11 @@ def _result_ranker(
         knowledge: computes the features of known recipes.
         recipes: known recipes, ids (n, 3).
     """
-    queries = [lesson.results for lesson in lessons]
-    parts = [results for results in queries if results is not None and len(results.competes)]
+    parts = [
+        lesson.results
+        for lesson in lessons
+        if lesson.results is not None and len(lesson.results.competes)
+    ]
     if not parts:
         # By-goal folds of a tiny book: no candidate is ever right. As wide as other folds' rankers,
         # with which this one is stacked.

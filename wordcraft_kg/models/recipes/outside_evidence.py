@@ -20,7 +20,6 @@ from wordcraft_kg.graphs import COMBINES_WITH, RELATIONS, Entity, OpenedGraph, R
 from wordcraft_kg.models.knowledge.books import open_other_book
 from wordcraft_kg.models.knowledge.knowledge_folder import (
     TABLES,
-    KnowledgeTables,
     TableInfo,
     knowledge_files,
     read_knowledge,
@@ -183,8 +182,30 @@ class OutsideEvidenceFinder:
             raise ArtefactError("the source has changed since the model was trained.")
 
     def _folder_source(self, spec: str) -> _Source:
+        """Return a source of the cells that stand out in tables with phrases."""
         self._check(knowledge_files(spec).run.outputs[TABLES])
-        return _table_evidence(read_knowledge(spec).of_entities(self.opened.graph.entities))
+        knowledge = read_knowledge(spec).of_entities(self.opened.graph.entities)
+        source = knowledge.record.source
+        entities = knowledge.record.entities
+        described = [
+            (info, table, standardised(table.numpy()))
+            for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True)
+            if info.phrase
+        ]
+
+        def find(slots: _Slots) -> list[OutsideEvidence]:
+            evidence: list[tuple[float, OutsideEvidence]] = []
+            for info, table, strengths in described:
+                for row, column in _cells(info, slots):
+                    value = float(table[row, column])
+                    strength = float(strengths[row, column])
+                    if value > 0 and strength >= STANDS_OUT:
+                        text = info.words(entities[row], entities[column])
+                        evidence.append((strength, OutsideEvidence(source, text, value)))
+            evidence.sort(key=lambda pair: -pair[0])
+            return [piece for _, piece in evidence]
+
+        return find
 
     def _book_source(self, spec: str) -> _Source:
         # As in the training: a zero-shot scorer may use recipes of the train part.
@@ -212,34 +233,6 @@ class OutsideEvidenceFinder:
             return [OutsideEvidence(book.source.name, str(recipe), None) for recipe in recipes]
 
         return find
-
-
-def _table_evidence(knowledge: KnowledgeTables) -> _Source:
-    """Return the cells that stand out in tables with phrases, by descending standardised value.
-
-    Cells are compared with all cells off the table's diagonal.
-    """
-    source = knowledge.record.source
-    entities = knowledge.record.entities
-    described = [
-        (info, table, standardised(table.numpy()))
-        for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True)
-        if info.phrase
-    ]
-
-    def find(slots: _Slots) -> list[OutsideEvidence]:
-        evidence: list[tuple[float, OutsideEvidence]] = []
-        for info, table, strengths in described:
-            for row, column in _cells(info, slots):
-                value = float(table[row, column])
-                strength = float(strengths[row, column])
-                if value > 0 and strength >= STANDS_OUT:
-                    text = info.words(entities[row], entities[column])
-                    evidence.append((strength, OutsideEvidence(source, text, value)))
-        evidence.sort(key=lambda pair: -pair[0])
-        return [piece for _, piece in evidence]
-
-    return find
 
 
 def _cells(info: TableInfo, slots: _Slots) -> Iterator[tuple[int, int]]:

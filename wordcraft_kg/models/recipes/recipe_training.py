@@ -55,7 +55,7 @@ from wordcraft_kg.models.recipes.recipe_records import (
     TrainedRecipes,
     counter,
 )
-from wordcraft_kg.models.recipes.set_training import SetsTraining, trains_sets
+from wordcraft_kg.models.recipes.set_training import SetsTraining
 from wordcraft_kg.models.scorers.features import named
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
@@ -242,11 +242,14 @@ class RecipesTraining(FitsTraining):
                 )
         graph = opened.graph
         self.words = named(settings.features, graph.entities)
-        missing = settings.allow_missing
         # The graph's own labels need vectors, whatever the labels of other books in a joint graph.
-        self.features = word_features(self.words, self.opened.graph.entities, allow_missing=missing)
+        self.features = word_features(
+            self.words, self.opened.graph.entities, allow_missing=settings.allow_missing
+        )
         if self.own is not None:
-            self.features = words_of_books(self.words, graph.entities, allow_missing=missing)
+            self.features = words_of_books(
+                self.words, graph.entities, allow_missing=settings.allow_missing
+            )
         dim = self.features.vectors.shape[1]
         num_recipes = len(self.folds.recipes())
         num_other_recipes = sum(len(book.recipes) for book in self.outside.books)
@@ -272,7 +275,7 @@ class RecipesTraining(FitsTraining):
     def of(  # noqa: D102 - inherited
         cls, config: RecipesConfig, opened: OpenedGraph
     ) -> Training[Any, Any, Any]:
-        if trains_sets(config.settings, opened.graph):
+        if config.settings.parts is not None or bool((opened.graph.sizes != 2).any()):
             return SetsTraining(config, opened)
         return cls(config, opened)
 

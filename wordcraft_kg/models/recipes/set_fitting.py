@@ -75,7 +75,9 @@ class FittedSets(NamedTuple):
         number = -1 if fold is None else fold
         committee = order.committee
         if fold is not None:
-            committee = committee.every(len(self.networks) - 1, fold)
+            num_folds = len(self.networks) - 1
+            # The networks that have not seen the fold.
+            committee = Networks(*(weights[fold::num_folds] for weights in committee))
         return {
             **self.networks[number].tensors("network."),
             **committee.tensors("committee."),

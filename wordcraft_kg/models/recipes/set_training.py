@@ -77,11 +77,6 @@ _WITHOUT_WORDS = {
 """Reasons and remedies for labels without a vector, by word vectors."""
 
 
-def trains_sets(settings: RecipeScorerConfig, graph: RecipeGraph) -> bool:
-    """Return whether the settings and the graph ask for a model of sets, not of pairs."""
-    return settings.parts is not None or bool((graph.sizes != 2).any())
-
-
 def word_vectors(features: str, labels: Sequence[str], *, allow_missing: bool) -> Vector:
     """Return unit vectors of labels as a model stores them, shape (E, D); D = 0 for one-hot.
 
@@ -221,9 +216,7 @@ class SetsTraining(FitsTraining):
         }
         write_scorer(run.path, SetScorer.kind, tensors, self.opened.graph)
         knowledge = SetKnowledge(self.recipes, self.parts.amounts, self.words)
-        fold_files: tuple[str, ...] = ()
         if self.folds is not None:
-            fold_files = (FOLDS_RECORD, FOLDS_TENSORS)
             self._write_folds(run.path, self.folds, fitted, knowledge.style_parts)
         metrics = SetMetrics(
             kg=settings.kg,
@@ -243,7 +236,7 @@ class SetsTraining(FitsTraining):
         return self.finish(
             run,
             metrics,
-            fold_files,
+            () if self.folds is None else (FOLDS_RECORD, FOLDS_TENSORS),
             f"A scorer of recipes as sets of the {metrics.kg} knowledge graph of {graph.name}",
             "Ranks sets of one to eight ingredients for a goal, and scores any set, with "
             "probabilities.",

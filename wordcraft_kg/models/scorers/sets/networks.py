@@ -52,10 +52,6 @@ class Networks(NamedTuple):
         """Return the networks stored under names with a prefix."""
         return cls(*(tensors[prefix + name] for name in cls._fields))
 
-    def every(self, step: int, start: int) -> "Networks":
-        """Return every ``step``-th network, from ``start``, as a committee of its own."""
-        return Networks(*(weights[start::step] for weights in self))
-
     def tensors(self, prefix: str) -> dict[str, Tensor]:
         """Return the weights by their names with a prefix."""
         return {prefix + name: weights for name, weights in self._asdict().items()}

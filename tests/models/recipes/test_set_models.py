@@ -593,7 +593,7 @@ def test_files_of_recipes_and_links_of_new_entities_are_refused_with_the_reason(
     )
     outcome = run("score", letters / "model", "Gnew", "componentOf", "Gab")
     assert "no entity 'Gnew'" in outcome.err
-    assert "links of the graph's entities alone" in outcome.err
+    assert "knows only the graph's entities" in outcome.err
 
 
 RULES = """

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.base import ArtefactError, FeatureSpec, UnknownEntityError, nearest
 from wordcraft_kg.graphs.recipes import check_label
 from wordcraft_kg.models.knowledge.books import ids_among
-from wordcraft_kg.models.recipes.recipe_config import RecipesConfig
+from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import ENCODE, EntityFeatures, make_features, named
 from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
@@ -148,16 +148,16 @@ def with_words(
     def unknown(label: str, reason: str) -> UnknownEntityError:
         return UnknownEntityError(f"no entity '{label}'.{nearest(label, scorer.entities)} {reason}")
 
-    main = whole_of(scorer)
-    if not isinstance(main, RecipeScorer):
-        raise unknown(
-            labels[0],
-            "This model scores links of the graph's entities alone; a model of pairs from "
-            "`wordcraft-kg train-recipes` scores new entities by words, a model of sets whole "
-            "recipes, such as a + b -> c.",
-        )
     folder = Path(folder)
     run = read_finished_run(folder, "a model of train-recipes", "model.safetensors")
+    main = whole_of(scorer)
+    if not isinstance(main, RecipeScorer) or run.kind != RecipeScorerConfig.command:
+        raise unknown(
+            labels[0],
+            "This model knows only the graph's entities; a model of pairs from `wordcraft-kg "
+            "train-recipes` scores new entities by words, a model of sets whole recipes, such as "
+            "a + b -> c.",
+        )
     # Reading the file compares its hash with the record.
     RunFiles(folder, run).bytes(CONFIG_FILE)
     settings = RecipesConfig.read(folder).settings

@@ -150,8 +150,10 @@ def read_metrics(files: RunFiles) -> RecipeMetrics | SetMetrics:
     Raises:
         ArtefactError: if the file is missing, damaged or has changed.
     """
+    # Models of sets alone have this input.
     is_of_sets = "parts" in files.run.inputs
-    return files.record("metrics.json", SetMetrics if is_of_sets else RecipeMetrics)
+    kind: type[RecipeMetrics | SetMetrics] = SetMetrics if is_of_sets else RecipeMetrics
+    return files.record("metrics.json", kind)
 
 
 def recipes_history(files: RunFiles) -> History:

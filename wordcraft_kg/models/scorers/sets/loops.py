@@ -241,7 +241,9 @@ def balance(members, parts, amounts, result):  # type: ignore[no-untyped-def]
                 weight = max(weights[column] + product / square, 0.0)
                 step = weight - weights[column]
                 weights[column] = weight
-                residual -= step * members[row, column]
+                # Number by number: a product of arrays would be made first, in five times the time.
+                for part in range(num_parts):
+                    residual[part] -= step * members[row, column, part]
         result[row] = 0
         for part in range(num_parts):
             excess = abs(residual[part]) if parts[part] == 0 else -residual[part]

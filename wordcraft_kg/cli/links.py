@@ -289,6 +289,7 @@ def score(
     entities = frozenset(loaded.scorer.entities)
     if queries is None:
         query_list = [parse_query(words, entities)]
+        _check_new_only(new_only, is_whole=not query_list[0].is_open)
     else:
         query_list = read_queries(queries, entities)
     outside = OutsideEvidenceFinder.open(model, loaded.opened)
@@ -325,11 +326,17 @@ def _scored_set(
 
     entities = frozenset(model.opened.graph.entities)
     ingredients, result, size = parse_set(words, entities)
+    _check_new_only(new_only, is_whole=bool(ingredients))
     if ingredients:
         view = score_set(model, ingredients, result)
     else:
         view = suggest_sets(model, result, top, size=size, new_only=new_only)
     return view, list(suggestion_lines(view))
+
+
+def _check_new_only(new_only: bool, *, is_whole: bool) -> None:
+    if new_only and is_whole:
+        raise ConfigError("`new_only` filters a ranking; leave a slot open.")
 
 
 def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str]:

@@ -19,6 +19,10 @@ BOOK = "ingredient_a,ingredient_b,result\n" + "".join(
 )
 GLOVE = "".join(f"{word} {number}.5 -1 2e-1\n" for number, word in enumerate(("sea", "iron") * 40))
 TRIPLES = "flour\tmakes\tdough\t2\nwater\tmakes\tdough\n" * 30
+ASSERTIONS = "".join(
+    f'/a/x{number}\t/r/IsA\t/c/en/bread/n\t/c/en/food{number}\t{{"weight": 2.0}}\n'
+    for number in range(30)
+)
 METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
 
 

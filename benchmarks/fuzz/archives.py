@@ -60,6 +60,12 @@ def _read_triples(path):
     read_triples(path)
 
 
+def _read_conceptnet(path):
+    from wordcraft_kg.models.knowledge.readers import read_conceptnet
+
+    read_conceptnet(path)
+
+
 READERS = {
     "submission.zip": (_read_submission, ("submission.json", "games.jsonl"), "{}\n" * 50),
     "book.zip": (_read_book, ("book.csv",), BOOK),
@@ -71,6 +77,7 @@ READERS = {
     "book.csv.gz": (_read_book, None, BOOK),
     "vectors.txt.gz": (_read_vectors, None, GLOVE),
     "triples.tsv.gz": (_read_triples, None, TRIPLES),
+    "conceptnet.csv.gz": (_read_conceptnet, None, ASSERTIONS),
 }
 """By file name: a reader, names of members (None for gzip), and the content of each."""
 _NUMBERS = (0, 1, 2, 0x41, 0x7F, 0xFF, 0x7FFF, 0xFFFF, 2**31 - 1, 2**32 - 1)

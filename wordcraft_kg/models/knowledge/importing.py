@@ -30,6 +30,7 @@ from wordcraft_kg.models.knowledge.knowledge_folder import (
 from wordcraft_kg.models.knowledge.network import Alignment, Network, align
 from wordcraft_kg.models.knowledge.readers import (
     HEADER,
+    read_conceptnet,
     read_triples,
     read_wordnet,
 )
@@ -42,8 +43,8 @@ from wordcraft_kg.models.scorers.score_limits import check_table
 
 COMMAND = "import-knowledge"
 """Name of the command in ``run.json``."""
-Kind = Literal["wordnet", "triples"]
-READERS = {"wordnet": read_wordnet, "triples": read_triples}
+Kind = Literal["wordnet", "conceptnet", "triples"]
+READERS = {"wordnet": read_wordnet, "conceptnet": read_conceptnet, "triples": read_triples}
 """Readers of graphs, by kind."""
 ALIGNMENT = "alignment.tsv"
 """File with the node of each label, in the form in which overrides are read."""
@@ -51,6 +52,7 @@ _COLUMNS = ("label", "node", "method", "confidence", "meaning")
 _LICENCES = {
     "wordnet": "WordNet 3.0 is copyright 2006 by Princeton University; its licence must accompany "
     "copies of a folder.",
+    "conceptnet": "ConceptNet 5 is available under CC BY-SA 4.0, and so is what is made from it.",
     "triples": "The licence of the imported triples applies.",
 }
 
@@ -96,7 +98,7 @@ def import_knowledge(
     Args:
         opened: recipe graph, and the split whose held-out triples the warning counts.
         kind: kind of the imported graph.
-        path: WordNet's folder, or a file of triples.
+        path: WordNet's folder, ConceptNet's assertions, or a file of triples.
         out: the knowledge folder.
         overrides: file with nodes for some labels, see :func:`with_overrides`; None without.
         force: replace the folder.

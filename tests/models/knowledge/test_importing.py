@@ -228,7 +228,8 @@ def test_one_source_and_a_new_folder_are_needed(
         ("bred\tx", "line 1: .*bred.* is not a label of the graph.* Did you mean"),
         ("dough", "'dough' is not a label of the graph, a tab"),
         ("dough\twn:1-n", "wn:1-n"),
-        (None, r"overrides\.tsv"),
+        (None, r"overrides\.tsv is not a file"),
+        ("dough\t\ndough\twn:00000007-n", r"line 2: 'dough' stands in line 1, too"),
     ],
 )
 def test_wrong_overrides_are_refused(wordnet, opened, tmp_path, line, message):

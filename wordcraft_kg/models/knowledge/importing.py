@@ -112,6 +112,8 @@ def import_knowledge(
     entities = opened.graph.entities
     # Checked before the slow steps.
     check_table("knowledge from outside the book", len(entities))
+    if overrides is not None and not overrides.is_file():
+        raise KnowledgeFileError(f"{overrides} is not a file; expected lines as in {ALIGNMENT}.")
     with stage(f"reading {path}"):
         network = READERS[kind](path)
     with stage("aligning labels"):
@@ -196,7 +198,7 @@ def with_overrides(
         A new alignment, in which a named node has confidence 1.
 
     Raises:
-        KnowledgeFileError: for an unknown label or node.
+        KnowledgeFileError: for an unknown or repeated label, or an unknown node.
         ArtefactError: if the file cannot be read.
     """
     nodes = alignment.nodes.copy()
@@ -205,6 +207,7 @@ def with_overrides(
     numbers = {network.name_of(node): node for node in range(len(network.nodes))}
     # Nothing leaves a label out.
     numbers[""] = -1
+    lines_of: dict[str, int] = {}
     lines = read_small_file(path).decode("utf-8-sig", errors="replace").splitlines()
     for number, line in enumerate(lines, 1):
         label, tab, columns = line.partition("\t")
@@ -218,6 +221,12 @@ def with_overrides(
                 f"node of {network.source} or nothing.{nearest(label, entities)} Expected lines as "
                 f"in {ALIGNMENT}, in UTF-8."
             )
+        if label in lines_of:
+            raise KnowledgeFileError(
+                f"{path}, line {number}: '{label}' stands in line {lines_of[label]}, too; expected "
+                "each label once."
+            )
+        lines_of[label] = number
         entity = entities.index(label)
         nodes[entity] = numbers[name]
         confidences[entity] = float(bool(name))

@@ -1,7 +1,7 @@
 """Read general graphs: ConceptNet assertions, tables of triples, and WordNet's database files.
 
-Assertions and triples are read line by line, plain or gzipped. Memory holds nodes and edges, about
-150 bytes for a new node and 30 for an edge, never the lines.
+Assertions and triples are read line by line, plain or gzipped. Memory holds nodes and edges, up to
+300 bytes for a new node and 150 for an edge, never the lines.
 
 Of WordNet, only nouns have spellings; verbs, adjectives and adverbs link nouns, as *bake* links
 *baker* and *bakery*.
@@ -182,11 +182,15 @@ def _network(path: Path, source: str, prefix: str, lines: Iterator[_Edge]) -> Ne
         raise KnowledgeFileError(f"{path} has no triple to use; expected {source}'s triples.")
     sizes = (len(numbers), len(relation_numbers))
     edges, weights = unique_edges(rows["ids"], rows["weight"].astype(np.float64), sizes)
-    spellings = defaultdict[str, list[int]](list)
-    for name, node in numbers.items():
-        spellings[plain(name)].append(node)
+    nodes = [*numbers]
     relations = [*relation_numbers]
-    return Network(source, prefix, [*numbers], relations, edges, np.log1p(weights), spellings)
+    # No longer needed: with millions of names, memory counts.
+    numbers.clear()
+    spellings: dict[str, tuple[int, ...]] = {}
+    for node, name in enumerate(nodes):
+        text = plain(name)
+        spellings[text] = (*spellings.get(text, ()), node)
+    return Network(source, prefix, nodes, relations, edges, np.log1p(weights), spellings)
 
 
 # --- WordNet --------------------------------------------------------------------------------------

@@ -44,7 +44,7 @@ class SlowAttention:
 
     def head(self, name, alpha, row):
         """``MLP(Σ_i w_i W x_i)``, W applied to every slot."""
-        weights = softmax(alpha)
+        weights = softmax(alpha) if self.config.value_readout == "softmax" else alpha
         of_slots = [[dot(w, self.x[entity]) for w in self.p[f"{name}.0.weight"]] for entity in row]
         inner = affine(list(zip(*of_slots, strict=True)), weights, self.p[f"{name}.0.bias"])
         return self.layer(f"{name}.2", [max(y, 0.0) for y in inner])

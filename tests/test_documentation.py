@@ -367,7 +367,9 @@ NETWORK = "needs the network"
 
 MODEL = "needs the weights of a language model; tests/apps/elicitation runs it on a small one"
 
-WORDNET = "needs WordNet, or knowledge made of it; tests/models/knowledge has small files"
+WORDNET = (
+    "needs WordNet or ConceptNet, or knowledge made of them; tests/models/knowledge has small files"
+)
 
 OTHERS = "needs games of a language model in Inspect; tests/apps/text_agents has logs"
 
@@ -384,6 +386,7 @@ NOT_RUN = {
     "bench run craft-8-lite --out submission --weights tuned/model.safetensors": MODEL,
     "import-knowledge graphs/la2 --wordnet": WORDNET,
     "import-knowledge graphs/mine --wordnet": WORDNET,
+    "import-knowledge graphs/mine --conceptnet": WORDNET,
     "train-complex graphs/mine --with": WORDNET,
     "bench run craft-8-lite --player inspect:": OTHERS,
     "explore graphs/everyday --model models/everyday-recipes --model": SERVER,

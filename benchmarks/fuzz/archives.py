@@ -19,6 +19,10 @@ BOOK = "ingredient_a,ingredient_b,result\n" + "".join(
 )
 GLOVE = "".join(f"{word} {number}.5 -1 2e-1\n" for number, word in enumerate(("sea", "iron") * 40))
 TRIPLES = "flour\tmakes\tdough\t2\nwater\tmakes\tdough\n" * 30
+ASSERTIONS = "".join(
+    f'/a/x{number}\t/r/IsA\t/c/en/bread/n\t/c/en/food{number}\t{{"weight": 2.0}}\n'
+    for number in range(30)
+)
 METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
 
 
@@ -56,6 +60,12 @@ def _read_triples(path):
     read_triples(path)
 
 
+def _read_conceptnet(path):
+    from wordcraft_kg.models.knowledge.readers import read_conceptnet
+
+    read_conceptnet(path)
+
+
 READERS = {
     "submission.zip": (_read_submission, ("submission.json", "games.jsonl"), "{}\n" * 50),
     "book.zip": (_read_book, ("book.csv",), BOOK),
@@ -67,6 +77,7 @@ READERS = {
     "book.csv.gz": (_read_book, None, BOOK),
     "vectors.txt.gz": (_read_vectors, None, GLOVE),
     "triples.tsv.gz": (_read_triples, None, TRIPLES),
+    "conceptnet.csv.gz": (_read_conceptnet, None, ASSERTIONS),
 }
 """By file name: a reader, names of members (None for gzip), and the content of each."""
 _NUMBERS = (0, 1, 2, 0x41, 0x7F, 0xFF, 0x7FFF, 0xFFFF, 2**31 - 1, 2**32 - 1)

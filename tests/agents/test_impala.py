@@ -241,7 +241,7 @@ class SlowImpala:
         pytest.param(
             2,
             3,
-            {"policy_lag": 2},
+            {"policy": {"value_readout": "logits"}, "policy_lag": 2},
             marks=pytest.mark.slow,
         ),
         (2, 3, {"scorer": "frequency"}),

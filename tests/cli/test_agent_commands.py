@@ -94,7 +94,7 @@ def test_a_run_s_own_settings_reproduce_it(world, tmp_path):
 
 
 SLOW_CHOICES = [
-    ("--features one-hot", {"policy_lag": 1, "unroll": 4}),
+    ("--features one-hot", {"value_readout": "logits", "policy_lag": 1, "unroll": 4}),
     ("--features random --depth 2 --max-attempts 3 --reward official", {"pooling": "max"}),
     ("--features shuffled:glove", {"pays_held_out": True}),
     ("--scorer {scorer} --kg-only --use v --mixing softmax", {"scale": "ranks"}),

@@ -194,7 +194,7 @@ def test_defaults_are_those_that_addresses_stand_for():
     )
     expected = {
         TaskConfig: (1, 8, None, "sparse", "use", False),
-        PolicyConfig: (*policy, False, False),
+        PolicyConfig: (*policy, False, "softmax", False),
         ImpalaConfig: (*trainer, 10_000, 100_000, 100_000),
         SplitConfig: ("by-recipe", 0.8, 0.0, 0),
     }

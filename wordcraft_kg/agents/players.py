@@ -49,6 +49,8 @@ BEST_PAIR = "w, best pair"
 """Name of the player of the pair with the highest recipe score, among :func:`scorer_players`."""
 PLANNER = "planner"
 """Name of the player by plans, among :func:`scorer_players`."""
+BEST_IN_TABLE = "t, best pair"
+"""Name of the player of the pair with the highest score in a table, in :func:`scorer_players`."""
 BEST_SET = "best set"
 """Name of the player of the set with the highest score, among :func:`scorer_players`."""
 RANDOM = "random"
@@ -413,6 +415,8 @@ def scorer_players(
             "u+v, self edges dropped": of("u", "v", self_edges="drop"),
         }
     sources = {BEST_PAIR if graph.has_pairs_only else BEST_SET: "w"}
+    if graph.has_pairs_only:
+        sources[BEST_IN_TABLE] = "t"
     if plans:
         sources[PLANNER] = "p"
     for name, source in sources.items():

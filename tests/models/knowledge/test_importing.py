@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+import torch
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, KnowledgeFileError
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_graph
@@ -14,9 +15,14 @@ from wordcraft_kg.models.knowledge import surroundings
 from wordcraft_kg.models.knowledge.importing import import_knowledge
 from wordcraft_kg.models.knowledge.knowledge_folder import read_knowledge
 from wordcraft_kg.models.knowledge.network import align, plain
-from wordcraft_kg.models.knowledge.readers import read_triples, read_wordnet
+from wordcraft_kg.models.knowledge.readers import read_conceptnet, read_triples, read_wordnet
+from wordcraft_kg.models.knowledge.score_files import read_scores
 from wordcraft_kg.models.knowledge.surroundings import hops, near_triples
+from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
+from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers import score_limits
+from wordcraft_kg.models.scorers.factors import SetTableScorer
+from wordcraft_kg.models.scorers.scorer_folder import load_scorer
 
 SYNSETS = [
     # offset, field, words, pointers (symbol, offset), gloss
@@ -222,7 +228,8 @@ def test_one_source_and_a_new_folder_are_needed(
         ("bred\tx", "line 1: .*bred.* is not a label of the graph.* Did you mean"),
         ("dough", "'dough' is not a label of the graph, a tab"),
         ("dough\twn:1-n", "wn:1-n"),
-        (None, r"overrides\.tsv"),
+        (None, r"overrides\.tsv is not a file"),
+        ("dough\t\ndough\twn:00000007-n", r"line 2: 'dough' stands in line 1, too"),
     ],
 )
 def test_wrong_overrides_are_refused(wordnet, opened, tmp_path, line, message):
@@ -264,16 +271,59 @@ def test_triples_have_weights_and_directions(triples, opened, tmp_path):
     assert "other:mill\tother:gives\tflour\n" in (tmp_path / "mine/triples.tsv").read_text()
 
 
+def test_conceptnet_keeps_english_words_and_weights(tmp_path):
+    def line(relation, start, end, about='{"weight": 2.0}'):
+        return "\t".join([f"/a/[{relation},{start},{end}]", relation, start, end, about]) + "\n"
+
+    text = line("/r/IsA", "/c/en/bread/n", "/c/en/food") + line(
+        "/r/IsA", "/c/de/brot", "/c/en/food"
+    )
+    text += line("/r/ExternalURL", "/c/en/bread", "/c/en/x") + line(
+        "/r/RelatedTo", "/c/en/food", "/c/en/bread"
+    )
+    with gzip.open(tmp_path / "cn.csv.gz", "wt") as file:
+        file.write(text)
+    network = read_conceptnet(tmp_path / "cn.csv.gz")
+    assert (list(network.nodes), list(network.relations)) == (
+        ["bread", "food"],
+        ["IsA", "RelatedTo"],
+    )
+    assert network.edges.tolist() == [[0, 0, 1], [0, 1, 1]]
+    assert network.weights.tolist() == pytest.approx([np.log(3)] * 2)
+    for bad in (
+        line("/r/IsA", "/c/en/a", "/c/en/b", '{"weight": '),
+        line("/r/IsA", "/c/en/a", "/c/en/b", '{"weight": 1e300}'),
+        line("/r/IsA", "/c/en/a", "/c/en/b", "{}"),
+        line("/r/IsA", "/c/en/a", "/c/en/\udce4"),
+        "/a/x\t/r/IsA\t/c/en/a\n",
+    ):
+        (tmp_path / "bad.csv").write_text(text + bad, errors="surrogateescape")
+        with pytest.raises(KnowledgeFileError, match=r"line 5: '/a/.*; expected uri, relation"):
+            read_conceptnet(tmp_path / "bad.csv")
+    (tmp_path / "bad.csv").write_text(line("/r/IsA", "/c/de/brot", "/c/de/essen"))
+    with pytest.raises(KnowledgeFileError, match="has no triple to use"):
+        read_conceptnet(tmp_path / "bad.csv")
+
+
+TABLE = """flour,makes,dough,2
+"rye, whole",makes,dough,1
+dough,makes,bread,1
+"""
+
+
 @pytest.mark.parametrize(
     "text",
     [
-        "flour\tmakes\tdough\nrye, whole\tmakes\tdough\ndough\tmakes\tbread\n",
-        "\ufeffWeight\tTail\tRelation\tHead\r\n1\tdough\tmakes\trye, whole\r\n"
-        "1\tbread\tmakes\tdough\r\n2\tdough\tmakes\tflour\r\n",
+        "head,relation,tail,weight\n" + TABLE,
+        ("head,relation,tail,weight\n" + TABLE.replace('"rye, whole"', "rye; whole"))
+        .replace(",", "\t")
+        .replace("rye;", "rye,"),
+        '\ufeffWeight,Tail,Relation,Head\n1,dough,makes,"rye, whole"\n1,bread,makes,dough\n'
+        "2,dough,makes,flour\n",
     ],
 )
 @pytest.mark.parametrize("pack", [bytes, gzip.compress])
-def test_triples_are_read_from_tables_with_or_without_a_header(put, text, pack):
+def test_triples_are_read_from_tables_with_tabs_or_commas(put, text, pack):
     path = put(pack(text.encode()), "t.data")
     network = read_triples(path)
     names = {text for text, nodes in network.spellings.items() if nodes}
@@ -312,13 +362,13 @@ def test_an_export_comes_back_with_a_warning_of_held_out_triples(tmp_path, caplo
             "flour,makes,dough\ndough,makes,bread\n",
             "line 1: 'flour,makes,dough'; expected head",
         ),
-        ("head\trelation\ttail\tsource\nflour\tmakes\tdough\tme\n", "line 1: .*below a header"),
-        ("tail\trelation\thead\nflour\tmakes\tdough\t1\n", "line 2: .*expected head"),
+        ("head,relation,tail,source\nflour,makes,dough,me\n", "line 1: .*below a header"),
+        ("tail,relation,head\nflour,makes,dough,1\n", "line 2: .*expected head"),
         ('{"head": "flour"}\n', "line 1: .*expected head"),
         ("h\xe4ad\trelation\ttail\n".encode("latin-1"), "line 1: .*UTF-8"),
         ("head\trelation\ttail\n".encode("utf-16"), "line 1: .*UTF-8"),
         ("head\trelation\ttail\nflour\tmakes\n", "line 2: 'flour\tmakes'; expected"),
-        ("head\trelation\ttail\nflour\t\tdough\n", "line 2: .*expected head"),
+        ("head,relation,tail\nflour,,dough\n", "line 2: .*expected head"),
         ("head\trelation\ttail\tweight\nflour\tmakes\tdough\t-1\n", "positive numbers"),
         ("head\trelation\ttail\tweight\nflour\tmakes\tdough\t1e300\n", "positive numbers"),
         ("", "no triple to use"),
@@ -379,9 +429,132 @@ def test_a_folder_without_wordnet_is_refused(tmp_path):
         read_wordnet(tmp_path)
 
 
-@pytest.mark.parametrize("line", [b"\n", b"a\tx\tb\t1\n"])
-def test_a_small_file_that_unpacks_to_hours_of_reading_is_refused(tmp_path, line):
-    start = b"head\trelation\ttail\tweight\n"
+@pytest.mark.parametrize("read", [read_triples, read_conceptnet])
+@pytest.mark.parametrize("line", [b"\n", b"a\t/r/x\tb\t/c/de/c\t{}\n"])
+def test_a_small_file_that_unpacks_to_hours_of_reading_is_refused(tmp_path, read, line):
+    start = b""
+    if read is read_triples:
+        start = b"head\trelation\ttail\tweight\n"
+        line = line.replace(b"/c/de/c\t{}", b"1")
     (tmp_path / "t.tsv.gz").write_bytes(gzip.compress(start + line * (2**22 // len(line))))
     with pytest.raises(KnowledgeFileError, match="bytes from a compressed byte"):
-        read_triples(tmp_path / "t.tsv.gz")
+        read(tmp_path / "t.tsv.gz")
+
+
+GRAPH = open_graph("kitchen").graph
+ROWS = (("flour", "water", "dough", 9), ("fire", "dough", "bread", 7), ("egg", "egg", "cake", 1))
+
+
+@pytest.fixture
+def file(tmp_path):
+    def write(*lines):
+        path = tmp_path / "scores.csv"
+        path.write_text("\n".join(lines) + "\n")
+        return path
+
+    return write
+
+
+@pytest.fixture
+def scorer(file):
+    lines = [f"{a} + {b},{result},{score}" for a, b, result, score in ROWS]
+    return read_scores(file("set,result,score", *lines), GRAPH)
+
+
+def test_the_source_is_the_score_of_the_selection_or_of_the_best_partner(scorer):
+    (source,) = make_sources(["table"], scorer)
+    nothing = GRAPH.num_entities
+    flour, water, fire = (GRAPH.id_of(label) for label in ("flour", "water", "fire"))
+    table = torch.tensor([[flour, water, fire, nothing]]).expand(3, -1)
+    goal = torch.tensor([GRAPH.id_of("dough")] * 3)
+    scores = source(States(goal, torch.tensor([nothing, water, fire]), table))
+    # 9, 7 and 1 standardised; 0 is their mean.
+    high = (9 - 17 / 3) / np.std([9, 7, 1])
+    torch.testing.assert_close(
+        scores, torch.tensor([[high, high, 0, 0], [high, 0, 0, 0], [0, 0, 0, 0]]).float()
+    )
+    restored = source_class("t").restored(nothing, source.state_dict())
+    assert (restored.keys == source.keys).all()
+    with pytest.raises(ValueError, match="ascending"):
+        source_class("t").restored(nothing, {"keys": source.keys.flip(0), "values": source.values})
+
+
+def test_a_triple_has_the_best_score_of_its_sets(scorer):
+    assert scorer.score("flour", "componentOf", "dough") == scorer.values.max()
+    assert scorer.score("water", "combinesWith", "flour") == scorer.values.max()
+    assert scorer.score("egg", "combinesWith", "egg") == scorer.values.min()
+    assert scorer.score("flour", "componentOf", "bread") == 0
+
+
+@pytest.mark.parametrize(
+    ("lines", "says"),
+    [
+        ((), "found the columns none"),
+        (("set,result",), "found the columns 'set', 'result'"),
+        (("set,result,score,score", "flour,dough,1,2"), "'score', 'score'; expected"),
+        (("result,score", "dough,1"), "found the columns"),
+        (("set,result,score",), "no scores below the header"),
+        (("set,result,score", "flour + watr,dough,1"), "line 2: .*'watr'.*water"),
+        (("set,result,score", "flour + water,dough,high"), "line 2: .*a finite number"),
+        (("set,result,score", "flour + water,dough,nan"), "line 2: .*a finite number"),
+        (("set,result,score", "flour + water,dough,1e99"), "line 2: .*a finite number"),
+        (("set,result,score", f"flour + water,dough,{'1' * 200_000}"), "line 2: field larger"),
+        (("set,result,score", "flour + water,dough"), "line 2: .*a finite number"),
+        (("set,result,score", "flour + water,dough,1,2"), "line 2: .*a finite number"),
+        (("set,result,score", *["water + flour,dough,1"] * 2), "line 3: .*in an earlier line"),
+        (("set,result,score", " + ".join(["egg"] * 9) + ",cake,1"), "1 to 8 ingredients"),
+    ],
+)
+def test_a_faulty_table_is_refused_by_its_line(file, lines, says):
+    with pytest.raises(KnowledgeFileError, match=says):
+        read_scores(file(*lines), GRAPH)
+
+
+@pytest.mark.parametrize(
+    "tensors",
+    [
+        {"sets": torch.full((3, 8), 81)},
+        {"results": torch.tensor([0, 1, 80])},
+        {"values": torch.zeros(2)},
+    ],
+    ids=str,
+)
+def test_a_damaged_table_is_refused(file, tensors):
+    lines = [f"{a} + {b},{result},{score}" for a, b, result, score in ROWS]
+    scorer = read_scores(file("set,result,score", *lines), GRAPH)
+    with pytest.raises(ValueError):  # noqa: PT011 - any reason
+        SetTableScorer.check(scorer.tensors() | tensors, GRAPH.num_entities)
+
+
+def test_a_folder_of_scores_serves_players_and_agents(run, refused, file, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    recipes = [recipe for recipe in GRAPH.recipe_labels() if recipe.result != "bread"]
+    lines = [f"{' + '.join(recipe.ingredients)},{recipe.result},5" for recipe in recipes]
+    path = file("set,result,score", *lines, "egg + fire,bread,1")
+    made = run("import-knowledge", "kitchen", "--scores", path, "--out", "opinions")
+    assert (made.code, "train-agent kitchen --scorer opinions --use table" in made.out) == (0, True)
+    assert isinstance(load_scorer("opinions"), SetTableScorer)
+    few = ("--distractors", 2, "--distractor-seeds", 1)
+    (row,) = [
+        line
+        for line in run("evaluate-agent", "kitchen", "--scorer", "opinions", *few).out.splitlines()
+        if line.startswith("opinions, t, best pair")
+    ]
+    assert float(row.split()[4]) > 0.8
+    train = ("train-agent", "kitchen", "--scorer", "opinions", "--steps", 64, "--quiet")
+    assert run(*train, "--use", "table", "--out", "agent").code == 0
+    assert " t " in run("explain", "agent", "--episodes", 1).out
+    both = ("import-knowledge", "kitchen", "--scores", path, "--triples", path)
+    refused(*both, says="leave out other knowledge")
+
+
+def test_other_scorers_have_no_table():
+    from wordcraft_kg.models.scorers.baselines import SymbolicScorer
+
+    with pytest.raises(ConfigError, match="import-knowledge --scores"):
+        make_sources(["table"], SymbolicScorer(GRAPH, GRAPH.triples))
+
+
+def test_a_missing_table_is_named(tmp_path):
+    with pytest.raises(ArtefactError, match="nowhere"):
+        read_scores(tmp_path / "nowhere.csv", GRAPH)

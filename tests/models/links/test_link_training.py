@@ -551,9 +551,12 @@ def test_folders_share_nodes_and_relations(tmp_path):
     ],
 )
 def test_a_folder_that_does_not_fit_is_refused(opened_kitchen, tmp_path, rows, number, message):
-    settings = replace(
-        JOINT_TRAINING_SHORT, with_=(knowledge_folder(tmp_path / "outside", rows, number),)
+    """Also beside a folder that fits."""
+    folders = (
+        knowledge_folder(tmp_path / "fits", [("egg", "isA", "food")], 1),
+        knowledge_folder(tmp_path / "outside", rows, number),
     )
+    settings = replace(JOINT_TRAINING_SHORT, with_=folders)
     with pytest.raises(WordCraftKGError, match=message):
         train(opened_kitchen, settings, tmp_path / "model")
     assert not (tmp_path / "model").exists()

@@ -248,7 +248,8 @@ def test_threads_and_tables_of_other_widths_get_their_own_scores(monkeypatch):
     assert all(
         torch.equal(scores, slow_scores(*batch)) for scores, batch in zip(found, asked, strict=True)
     )
-    assert len(kept._rows) <= 20 * ROW // (room.ROW_BYTES + 4)
+    sizes = [room.ROW_BYTES + row.nbytes for row in kept._rows.values()]
+    assert sum(sizes) == kept._size <= 20 * ROW
 
 
 def test_a_row_has_the_same_bits_in_any_batch(cross_fitted):

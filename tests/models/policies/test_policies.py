@@ -68,8 +68,11 @@ def mlp(features="dense", num_slots=SLOTS):
 KINDS = {
     "attention": lambda: attention(),
     "attention to one-hot vectors": lambda: attention("one-hot"),
+    "raw read-out of one-hot vectors": lambda: attention("one-hot", value_readout="logits"),
     "all sources, free": lambda: attention(knows=True),
-    "all sources, softmax": lambda: attention("one-hot", knows=True, mixing="softmax"),
+    "all sources, softmax": lambda: attention(
+        "one-hot", knows=True, mixing="softmax", value_readout="logits"
+    ),
     "all sources, residual": lambda: attention(knows=True, mixing="residual"),
     "v only, residual": lambda: attention(knows=True, use="v", kg_only=True, mixing="residual"),
     "alpha and u": lambda: attention(knows=True, use="u", mixing="softmax"),
@@ -388,6 +391,7 @@ REFUSED = {
     "mixing": ("sofmax", 3),
     "scale": ("standardize", "rank", 1),
     "self_edges": ("dropp",),
+    "value_readout": ("logit",),
     **dict.fromkeys(SIZES_OF, (0, -1, 2.5)),
     "use": ("", " ", "x", "u,", "u,x", "uv", "U", "u;v"),
     **dict.fromkeys(("allow_missing", "kg_only"), ("no", 1, None)),

@@ -37,7 +37,7 @@ FILES = ("constants.safetensors", "policy.json", "policy.safetensors")
 
 KINDS = {
     "one-hot": {"features": "one-hot"},
-    "random": {"features": "random"},
+    "random": {"features": "random", "value_readout": "logits"},
     "shuffled one-hot": {"features": "shuffled:one-hot"},
     "a file": {"features": "a file", "pooling": "max"},
     "u and v": {"features": "one-hot", "scorer": SCORER},

@@ -30,6 +30,7 @@ from wordcraft_kg.models.knowledge.knowledge_folder import (
 from wordcraft_kg.models.knowledge.network import Alignment, Network, align
 from wordcraft_kg.models.knowledge.readers import (
     HEADER,
+    read_conceptnet,
     read_triples,
     read_wordnet,
 )
@@ -42,8 +43,8 @@ from wordcraft_kg.models.scorers.score_limits import check_table
 
 COMMAND = "import-knowledge"
 """Name of the command in ``run.json``."""
-Kind = Literal["wordnet", "triples"]
-READERS = {"wordnet": read_wordnet, "triples": read_triples}
+Kind = Literal["wordnet", "conceptnet", "triples"]
+READERS = {"wordnet": read_wordnet, "conceptnet": read_conceptnet, "triples": read_triples}
 """Readers of graphs, by kind."""
 ALIGNMENT = "alignment.tsv"
 """File with the node of each label, in the form in which overrides are read."""
@@ -51,6 +52,7 @@ _COLUMNS = ("label", "node", "method", "confidence", "meaning")
 _LICENCES = {
     "wordnet": "WordNet 3.0 is copyright 2006 by Princeton University; its licence must accompany "
     "copies of a folder.",
+    "conceptnet": "ConceptNet 5 is available under CC BY-SA 4.0, and so is what is made from it.",
     "triples": "The licence of the imported triples applies.",
 }
 
@@ -96,7 +98,7 @@ def import_knowledge(
     Args:
         opened: recipe graph, and the split whose held-out triples the warning counts.
         kind: kind of the imported graph.
-        path: WordNet's folder, or a file of triples.
+        path: WordNet's folder, ConceptNet's assertions, or a file of triples.
         out: the knowledge folder.
         overrides: file with nodes for some labels, see :func:`with_overrides`; None without.
         force: replace the folder.
@@ -110,6 +112,8 @@ def import_knowledge(
     entities = opened.graph.entities
     # Checked before the slow steps.
     check_table("knowledge from outside the book", len(entities))
+    if overrides is not None and not overrides.is_file():
+        raise KnowledgeFileError(f"{overrides} is not a file; expected lines as in {ALIGNMENT}.")
     with stage(f"reading {path}"):
         network = READERS[kind](path)
     with stage("aligning labels"):
@@ -194,7 +198,7 @@ def with_overrides(
         A new alignment, in which a named node has confidence 1.
 
     Raises:
-        KnowledgeFileError: for an unknown label or node.
+        KnowledgeFileError: for an unknown or repeated label, or an unknown node.
         ArtefactError: if the file cannot be read.
     """
     nodes = alignment.nodes.copy()
@@ -203,6 +207,7 @@ def with_overrides(
     numbers = {network.name_of(node): node for node in range(len(network.nodes))}
     # Nothing leaves a label out.
     numbers[""] = -1
+    lines_of: dict[str, int] = {}
     lines = read_small_file(path).decode("utf-8-sig", errors="replace").splitlines()
     for number, line in enumerate(lines, 1):
         label, tab, columns = line.partition("\t")
@@ -216,6 +221,12 @@ def with_overrides(
                 f"node of {network.source} or nothing.{nearest(label, entities)} Expected lines as "
                 f"in {ALIGNMENT}, in UTF-8."
             )
+        if label in lines_of:
+            raise KnowledgeFileError(
+                f"{path}, line {number}: '{label}' stands in line {lines_of[label]}, too; expected "
+                "each label once."
+            )
+        lines_of[label] = number
         entity = entities.index(label)
         nodes[entity] = numbers[name]
         confidences[entity] = float(bool(name))

@@ -1,7 +1,7 @@
-"""Read general graphs: tables of triples, and WordNet's database files.
+"""Read general graphs: ConceptNet assertions, tables of triples, and WordNet's database files.
 
-Triples are read line by line, plain or gzipped. Memory holds nodes and edges, about 150 bytes for a
-new node and 30 for an edge, never the lines.
+Assertions and triples are read line by line, plain or gzipped. Memory holds nodes and edges, up to
+300 bytes for a new node and 150 for an edge, never the lines.
 
 Of WordNet, only nouns have spellings; verbs, adjectives and adverbs link nouns, as *bake* links
 *baker* and *bakery*.
@@ -11,11 +11,13 @@ The page docs/outside-knowledge.md describes the formats, and says where the fil
 Source: WordNet 3.0 manual, wndb(5).
 """
 
+import csv
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import Annotated, NamedTuple, TypeVar
 
+import msgspec
 import numpy as np
 
 from wordcraft_kg.base.artefacts import read_lines
@@ -28,68 +30,106 @@ HEADER = ("head", "relation", "tail")
 HEAVIEST = 1e30
 """Weights are below: sums must fit into 32-bit numbers."""
 EXPECTED = (
-    "expected head, relation and tail with tabs between them, perhaps below a header with these "
-    "names and perhaps weight (positive numbers), in UTF-8. `wordcraft-kg export --format tsv` and "
-    "DataFrame.to_csv(sep='\\t') of pandas write such a table"
+    "expected head, relation and tail with tabs between them, or below a header with these names "
+    "and perhaps weight (positive numbers), with tabs or commas, in UTF-8. "
+    "`wordcraft-kg export --format tsv` and DataFrame.to_csv of pandas write such a table"
 )
-_EDGE = np.dtype([("ids", np.int64, 3), ("weight", np.float32)])
+_ENGLISH = b"/c/en/"
+_USELESS = (b"/r/ExternalURL", b"/r/FormOf", b"/r/Etymologically", b"/r/dbpedia/")
+"""Beginnings of the names of relations about words or web pages, not about things."""
+_SYMMETRIC_ASSERTIONS = {
+    "Antonym",
+    "DistinctFrom",
+    "LocatedNear",
+    "RelatedTo",
+    "SimilarTo",
+    "Synonym",
+}
+"""Relations whose edges are stored in one direction, so that two assertions are not two edges."""
+_Edge = tuple[str, str, str, float]
+"""Names of head, relation and tail, and a positive weight."""
+_NUMBERED = np.dtype([("ids", np.int64, 3), ("weight", np.float32)])
 """Ids of head, relation and tail, and the weight of a line."""
 
 
-def read_triples(path: Path) -> Network:
-    """Read a table of triples: tabs between head, relation and tail, perhaps below these names.
+class _Assertion(msgspec.Struct):
+    """The last column of an assertion, JSON with many more keys, which are skipped."""
 
-    A header may have the columns in any order, and a weight. The weight of an edge becomes
-    log(1 + w) of the sum w over its lines.
+    weight: Annotated[float, msgspec.Meta(lt=HEAVIEST)]
+
+
+def read_conceptnet(path: Path) -> Network:
+    """Read assertions about English words, whose senses are one node.
+
+    Raises:
+        KnowledgeFileError: if the file cannot be read, has no English assertion, or has a wrong
+            line (the error names the line).
+    """
+    return _network(path, "ConceptNet", "cn", _assertions(path))
+
+
+def _assertions(path: Path) -> Iterator[_Edge]:
+    decode = msgspec.json.Decoder(_Assertion).decode
+    for number, line in read_lines(path, KnowledgeFileError):
+        if line.isspace():
+            continue
+        try:
+            _, relation, start, end, about = line.split(b"\t")
+            # Before the JSON is decoded: most of the 34 million lines are about other languages.
+            is_english = start.startswith(_ENGLISH) and end.startswith(_ENGLISH)
+            if not is_english or relation.startswith(_USELESS):
+                continue
+            weight = decode(about).weight
+            name = relation.decode().removeprefix("/r/")
+            # /c/en/word/n/sense: the word alone.
+            head, tail = (uri.decode().split("/")[3] for uri in (start, end))
+        except (ValueError, RecursionError, msgspec.DecodeError):
+            raise _fault(
+                path,
+                number,
+                line,
+                "expected uri, relation, start, end, and JSON with a weight below "
+                f"{HEAVIEST:g}, with tabs between them, in UTF-8",
+            ) from None
+        if name in _SYMMETRIC_ASSERTIONS:
+            head, tail = sorted((head, tail))
+        if weight > 0:
+            yield head, name, tail, weight
+
+
+def read_triples(path: Path) -> Network:
+    """Read a table of triples: tabs between head, relation and tail, or a header with these names.
+
+    A header may have the columns in any order, and a weight. Its columns are separated by tabs, or
+    by commas with quotation marks where a cell holds a comma.
 
     Raises:
         KnowledgeFileError: if the file cannot be read, has no triple, or has a wrong line (the
             error names the line).
     """
-    if not path.is_file():
-        raise KnowledgeFileError(
-            f"{path} is not a file; expected a file of triples, plain or gzipped."
-        )
-    # Nodes and relations are numbered in the order of the lines.
-    numbers: dict[str, int] = {}
-    relation_numbers: dict[str, int] = {}
-    rows = np.fromiter(_rows(path, numbers, relation_numbers), _EDGE)
     # The name of the file, without .tsv and .gz, is the source's.
     source, _, _ = path.name.partition(".")
-    if not len(rows):
-        raise KnowledgeFileError(f"{path} has no triple to use; expected triples below a header.")
-    sizes = (len(numbers), len(relation_numbers))
-    edges, weights = unique_edges(rows["ids"], rows["weight"].astype(np.float64), sizes)
-    spellings = defaultdict[str, list[int]](list)
-    for name, node in numbers.items():
-        spellings[plain(name)].append(node)
-    return Network(
-        source=source or "triples",
-        prefix="other",
-        nodes=[*numbers],
-        relations=[*relation_numbers],
-        edges=edges,
-        weights=np.log1p(weights),
-        spellings=spellings,
-    )
+    return _network(path, source or "triples", "other", _rows(path))
 
 
-def _rows(
-    path: Path, numbers: dict[str, int], relation_numbers: dict[str, int]
-) -> Iterator[tuple[tuple[int, int, int], float]]:
-    """Yield ids and weight of each line; a new name gets the next number in its dictionary."""
+def _rows(path: Path) -> Iterator[_Edge]:
     header: list[str] = []
+    has_tabs = False
     for number, line in read_lines(path, KnowledgeFileError):
         if line.isspace():
             continue
         try:
-            row = [" ".join(cell.split()) for cell in line.decode().split("\t")]
+            text = line.decode()
+            # The header decides: a label in a row may hold either character.
+            has_tabs = has_tabs or (not header and "\t" in text)
+            cells = text.split("\t") if has_tabs else next(csv.reader([text]))
+            row = [" ".join(cell.split()) for cell in cells]
             if not header:
                 header = [name.casefold() for name in row]
                 if sorted(header) in (sorted(HEADER), sorted((*HEADER, "weight"))):
                     continue
-                # Our exports, and data sets of link prediction, have no header.
-                if not set(HEADER).isdisjoint(header):
+                # Our exports, and data sets of link prediction, have tabs and no header.
+                if not has_tabs or not set(HEADER).isdisjoint(header):
                     raise ValueError
                 header = list(HEADER)
             by_name = dict(zip(header, row, strict=True))
@@ -97,16 +137,60 @@ def _rows(
             # Not a number fails both comparisons.
             if not all(row) or not 0 < weight < HEAVIEST:
                 raise ValueError
-        except ValueError:
-            shown = line[:80].decode(errors="replace").strip()
-            raise KnowledgeFileError(
-                f"{path}, line {number:,}: '{shown}'; {EXPECTED}. Restore a copy of the file, or "
-                "correct the line."
-            ) from None
-        head = numbers.setdefault(by_name["head"], len(numbers))
-        relation = relation_numbers.setdefault(by_name["relation"], len(relation_numbers))
-        tail = numbers.setdefault(by_name["tail"], len(numbers))
-        yield (head, relation, tail), weight
+        except (ValueError, csv.Error):
+            raise _fault(path, number, line, EXPECTED) from None
+        yield by_name["head"], by_name["relation"], by_name["tail"], weight
+
+
+def _fault(path: Path, number: int, line: bytes, expected: str) -> KnowledgeFileError:
+    shown = line[:80].decode(errors="replace").strip()
+    return KnowledgeFileError(
+        f"{path}, line {number:,}: '{shown}'; {expected}. Restore a copy of the file, or correct "
+        "the line."
+    )
+
+
+def _network(path: Path, source: str, prefix: str, lines: Iterator[_Edge]) -> Network:
+    """Return edges as a network; w, the sum of an edge's weights, becomes log(1 + w).
+
+    Args:
+        path: the file, for errors.
+        source: name of the network, for reports and errors.
+        prefix: beginning of the names of nodes and relations, such as ``cn``.
+        lines: an edge of each line; nodes and relations are numbered in this order.
+
+    Raises:
+        KnowledgeFileError: if the file has no triple to use.
+    """
+    if not path.is_file():
+        raise KnowledgeFileError(
+            f"{path} is not a file; expected a file of triples or assertions, plain or gzipped."
+        )
+    numbers: dict[str, int] = {}
+    relation_numbers: dict[str, int] = {}
+
+    def numbered() -> Iterator[tuple[tuple[int, int, int], float]]:
+        for head_name, relation_name, tail_name, weight in lines:
+            # A new name gets the next number.
+            head = numbers.setdefault(head_name, len(numbers))
+            relation = relation_numbers.setdefault(relation_name, len(relation_numbers))
+            tail = numbers.setdefault(tail_name, len(numbers))
+            yield (head, relation, tail), weight
+
+    rows = np.fromiter(numbered(), _NUMBERED)
+    if not len(rows):
+        raise KnowledgeFileError(f"{path} has no triple to use; expected {source}'s triples.")
+    sizes = (len(numbers), len(relation_numbers))
+    edges, weights = unique_edges(rows["ids"], rows["weight"].astype(np.float64), sizes)
+    nodes = [*numbers]
+    relations = [*relation_numbers]
+    # No longer needed: with millions of names, memory counts.
+    numbers.clear()
+    spellings: dict[str, tuple[int, ...]] = {}
+    for node, name in enumerate(nodes):
+        text = plain(name)
+        spellings[text] = (*spellings.get(text, ()), node)
+    return Network(source, prefix, nodes, relations, edges, np.log1p(weights), spellings)
 
 
 # --- WordNet --------------------------------------------------------------------------------------

@@ -156,9 +156,10 @@ def with_descriptions(network: Network, alignment: Alignment, entities: Sequence
     for node, gloss in enumerate(network.glosses):
         words = [base_form(word) for word in _WORD.findall(plain(gloss))]
         for start, size in product(range(len(words)), range(1, longest + 1)):
-            # A definition that names its own node says nothing.
-            named = phrases.get(" ".join(words[start : start + size]), set()) - {node}
-            mentions.update((node, entity) for entity in named)
+            for entity_node in phrases.get(" ".join(words[start : start + size]), ()):
+                # A definition that names its own node says nothing.
+                if entity_node != node:
+                    mentions.add((node, entity_node))
     # Without mentions, the reshape makes two columns all the same.
     # Sorted, because sets have no order that is the same in every process.
     edges = np.array(sorted(mentions), dtype=np.int64).reshape(-1, 2)

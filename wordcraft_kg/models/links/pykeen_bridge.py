@@ -78,8 +78,8 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
         the triples; None without folders.
 
     Raises:
-        ConfigError: if a folder has no triples, or a relation with the name of a recipe relation,
-            or no triple has an entity.
+        ConfigError: if a folder has no triples, none with an entity, or a relation with the name of
+            a recipe relation.
         ArtefactError: if a folder is incomplete or damaged.
     """
     # Raises ConfigError if a folder has no triples.
@@ -89,6 +89,7 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
     relations: dict[str, int] = {name: place for place, name in enumerate(RELATIONS)}
     rows = list[tuple[int, int, int]]()
     for folder in folders:
+        before = len(rows)
         for head, relation, tail in read_triples_of(knowledge_files(folder)):
             # Such triples would count as recipes, also as those of the test part.
             if relation in RELATIONS:
@@ -101,21 +102,22 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
             relation_id = relations.setdefault(relation, len(relations))
             tail_id = places.setdefault(tail, len(places))
             rows.append((head_id, relation_id, tail_id))
+        added = np.array(rows[before:], dtype=np.int64).reshape(-1, 3)
+        ends = np.unique(added[:, [0, 2]])
+        if not (ends < len(entities)).any():
+            raise ConfigError(
+                f"`with` '{folder}': none of the {len(ends):,} nodes in {TRIPLES} is one of the "
+                f"{len(entities):,} entities, such as '{entities[0]}'. Make the folder for this "
+                "graph."
+            )
     # Equal triples of several folders are one.
-    triples = frozen(np.unique(np.array(rows, dtype=np.int64).reshape(-1, 3), axis=0))
+    triples = frozen(np.unique(np.array(rows, dtype=np.int64), axis=0))
     ends = np.unique(triples[:, [0, 2]])
-    num_covered = int((ends < len(entities)).sum())
-    if not num_covered:
-        raise ConfigError(
-            f"`with` '{', '.join(folders)}': none of the {len(ends):,} nodes in {TRIPLES} is one "
-            f"of the {len(entities):,} entities, such as '{entities[0]}'. Make the folder for this "
-            "graph."
-        )
     summary = OutsideSummary(
         triples=len(triples),
         nodes=len(places) - len(entities),
         relations=len(relations) - len(RELATIONS),
-        coverage=num_covered / len(entities),
+        coverage=int((ends < len(entities)).sum()) / len(entities),
     )
     nodes = tuple(places)[len(entities) :]
     return OutsideTriples(nodes, tuple(relations)[len(RELATIONS) :], triples, summary)

@@ -44,7 +44,7 @@ class AttentionPolicy(Policy):
     """Self-attention actor-critic, alone or guided by knowledge sources.
 
     With vectors x for goal g, selection s and slot i, ``α_i = Q([x_g; x_s]) · K(x_i) / √d``,
-    ``V = MLP(wᵀ x)`` with ``w = softmax(α)`` over the slots, and with sources
+    ``V = MLP(wᵀ x)`` with ``w = softmax(α)`` over the slots (or the raw α), and with sources
     ``β = λα·α + Σ_s λ_s·source_s``, ``λ = MLP(wᵀ x)`` with separate weights. Logits are β, or α
     without sources. An MLP is a linear map W with bias, a rectifier and a linear map; W is applied
     after the sum over slots. With the mixing "residual", λα is 1 and the others are learned
@@ -133,7 +133,8 @@ class AttentionPolicy(Policy):
                 "combine.counts"
             ].index_select(0, states.num_selected(self.num_entities))
             alpha = torch.cat([alpha[:, :-1], combine_alpha[:, None]], dim=1)
-        readout = masked_softmax(alpha, mask)
+        is_softmax = self.config.value_readout == "softmax"
+        readout = masked_softmax(alpha, mask) if is_softmax else alpha.masked_fill(~mask, 0)
         # The state's encoding before W, shape (B, F): the readout pools the slots' vectors. The
         # value and the mixing weights see the table only through it.
         encoding = weighted_sums(readout, vectors, table, self.num_entities)

@@ -35,6 +35,7 @@ POLICIES: Registry[Callable[[int], Any]] = Registry(
 )
 """Own networks by name: what makes one for entity vectors of a length, see ``network``."""
 Mixing = Literal["softmax", "free", "residual"]
+_ValueReadout = Literal["softmax", "logits"]
 
 
 @dataclass(frozen=True)
@@ -46,8 +47,8 @@ class PolicyConfig:
             over the table, as in the paper), mlp (a hidden layer on the ordered table, the
             paper's baseline; for a fixed table size), or a plugin's. Default: pairs; attention in
             the paper's preset, with ``kg_only`` or another mixing, and for ``make_policy``.
-        features: entity vectors: glove, minilm, auto, one-hot, random, shuffled:<any>, a vector
-            file, or a folder from encode.
+        features: entity vectors: glove, minilm, auto, one-hot (for pairs and attention), random,
+            shuffled:<any>, a vector file, or a folder from encode.
         pooling: combines word vectors for labels with several words: mean or max.
         allow_missing: use zeros for entities without a vector, without a limit on the number.
         key_size: query and key dimensions; 300 in the paper.
@@ -74,7 +75,7 @@ class PolicyConfig:
             logits), free (λ depend on the table, as in the paper), or softmax (positive, sum 1) as
             in the paper's released code. Default: residual for pairs, and for attention with one
             attempt and without recipe and plan, else free, as in the paper's preset. This default
-            and those of `scale` and `self_edges` were chosen on validation tasks.
+            and those of `scale`, `self_edges` and `value_readout` were chosen on validation tasks.
         scale: common scale for scores before mixing: standardise, ranks, log-softmax or none.
             Default: none where the policy sees attempts, else ranks.
         self_edges: combinesWith scores of self edges: keep (as in the paper), keep only edges
@@ -82,6 +83,8 @@ class PolicyConfig:
             over all pairs.
         in_sample: score train tasks with the model trained on their recipes, as in the paper, even
             if the scorer has out-of-sample models.
+        value_readout: slot weights in the encodings for value and λ: softmax of α, or the raw
+            logits α, as in the paper's released code.
         sees_attempts: let scores, the value and λ depend on the number of attempts left; not for
             mlp. Default: with several attempts, except in the paper's preset.
 
@@ -111,6 +114,7 @@ class PolicyConfig:
     scale: Scale | None = None
     self_edges: SelfEdges = "observed"
     in_sample: bool = False
+    value_readout: _ValueReadout = "softmax"
     sees_attempts: bool | None = None
 
     def __post_init__(self) -> None:

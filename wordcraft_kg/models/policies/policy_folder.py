@@ -253,7 +253,8 @@ def read_policy(
             vectors = EntityVectors(size, torch.zeros(size, dim) if dim else None)
             # A learned term for each number of selections, if recipes have other sizes than two.
             most_picks = len(parameters.get("combine.counts", (0,))) - 1
-            policy = _policy(config, vectors, description.num_slots or 0, sources, most_picks)
+            # Without a number, an mlp's weights do not fit.
+            policy = _policy(config, vectors, description.num_slots or 1, sources, most_picks)
         # Constants, which have been checked, come before parameters of the same name.
         weights = {**parameters, **tensors}
         for name, expected in policy.state_dict().items():

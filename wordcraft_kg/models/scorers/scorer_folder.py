@@ -31,7 +31,7 @@ from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.base.tensors import MAX_WEIGHT, check_tensors, copied, largest, with_prefix
 from wordcraft_kg.graphs import RELATIONS, Folds, Ids, RecipeGraph, is_in
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, Fold, FoldsRecord, whole_of
-from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
+from wordcraft_kg.models.scorers.factors import ComplExScorer, SetTableScorer, TableScorer
 from wordcraft_kg.models.scorers.probabilities import HeldOut, Probabilities, score_fold
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.ranking import (
@@ -64,7 +64,7 @@ TRAIN_RESULTS = "train_results"
 """Name of the tensor with the train sample's results; absent for unchanged train recipes."""
 MODEL = "a model folder from train-complex, train-links or train-recipes"
 
-_STORED = (ComplExScorer, TableScorer, RecipeScorer, SetScorer)
+_STORED = (ComplExScorer, TableScorer, RecipeScorer, SetScorer, SetTableScorer)
 SCORERS: Registry[type[StoredScorer]] = Registry(
     "wordcraft_kg.models",
     {kind.kind: kind for kind in _STORED},

@@ -6,7 +6,7 @@ reports have a column per source. A policy's own attention logits are called :da
 
 Read ``source`` first: the base class, and ``FoldedSource`` for sources with a model per
 left-out fold, which keeps train tasks from scores that were learned from their own recipes.
-``pairs`` holds u and v, ``recipe`` holds w, ``registry`` finds sources by name. This module
+``pairs`` holds u, v and t, ``recipe`` holds w, ``registry`` finds sources by name. This module
 holds names only, and imports no torch, so that ``--help`` stays fast::
 
     sources = make_sources(["combines", "component"], load_scorer("models/mine"))
@@ -84,6 +84,14 @@ V = Label(
     "ingredient score",
     "The scorer's componentOf score for a slot with the goal.",
 )
+T = Label(
+    "t",
+    "t",
+    "in the table with its best partner",
+    "table score",
+    "The score that a table of scores from elsewhere gives a slot and the selection for the goal; "
+    "without selection, with the best partner; 0 where the table has none.",
+)
 W = Label(
     "w",
     "w",
@@ -92,8 +100,8 @@ W = Label(
     "How plausible a slot and the selection are as a recipe for the goal; "
     "without selection, with the best partner.",
 )
-BUILT_IN = {label.name: label for label in (U, V, W)}
-SPELLED = {"combines": "u", "component": "v", "recipe": "w", "plan": "p"}
+BUILT_IN = {label.name: label for label in (U, V, W, T)}
+SPELLED = {"combines": "u", "component": "v", "recipe": "w", "table": "t", "plan": "p"}
 """Names for people by name in records. Settings take both; records, addresses and formulas keep the
 short ones, so that results from before the longer names stay valid. A dictionary here and not a
 field of the label, because the label of p lies in a module that imports torch."""

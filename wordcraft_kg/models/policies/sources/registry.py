@@ -16,6 +16,7 @@ from wordcraft_kg.models.policies.sources.pairs import (
     CombinesWith,
     ComponentOf,
     PairSource,
+    SetTable,
 )
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import AS_IS, ScoreView, Source
@@ -25,7 +26,7 @@ from wordcraft_kg.models.scorers.scales import FACTORED_SCALES
 from wordcraft_kg.models.scorers.score_limits import TABLE_LIMIT, Scale
 
 _BUILT_IN: dict[str, type[Source]] = {
-    kind.label.name: kind for kind in (CombinesWith, ComponentOf, BestRecipe)
+    kind.label.name: kind for kind in (CombinesWith, ComponentOf, BestRecipe, SetTable)
 }
 
 

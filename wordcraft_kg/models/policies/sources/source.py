@@ -1,5 +1,6 @@
 """Base classes: for sources, and for sources with a model per left-out fold."""
 
+import threading
 from abc import ABC, abstractmethod
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
@@ -25,7 +26,7 @@ from wordcraft_kg.models.scorers.score_limits import Scale, SelfEdges
 Rows = Tensor | slice
 """Rows of a batch: their numbers, or all of them as a slice."""
 KEPT = 2**28
-"""Most bytes of kept rows of one shape: 256 MiB, some 600,000 tables."""
+"""Most bytes that a source keeps: 256 MiB, some 600,000 tables."""
 ROW_BYTES = 400
 """Bytes of a kept row beside its scores: key, array, and their places in a dictionary; measured."""
 
@@ -62,17 +63,18 @@ class KeptScores:
 
     A table is scored before and after the first action, for another player on the same tables, and
     whenever a training plays it again. A row must have the same bits in any batch. Threads may call
-    concurrently: each change of the dictionary is a single operation, and a row that two of them
-    compute has equal scores.
+    concurrently.
     """
 
     def __init__(self) -> None:
         """Keep nothing yet."""
         # A plain dictionary looks for its oldest key among the places of all that were dropped.
         self._rows = OrderedDict[tuple[tuple[int, ...], bytes], NDArray[np.float32]]()
+        self._size = 0
+        self._lock = threading.Lock()
 
     def __reduce__(self) -> tuple[type["KeptScores"], tuple[()]]:
-        # A copied or saved policy begins anew: scores need not be copied.
+        # A copied or saved policy begins anew: locks cannot be copied, and scores need not be.
         return KeptScores, ()
 
     def scores(
@@ -82,8 +84,6 @@ class KeptScores:
         shape: tuple[int, ...],
     ) -> Tensor:
         """Return the scores of a batch; only rows that are not kept are computed.
-
-        As many rows are kept as fit into :data:`KEPT` bytes if all had this shape.
 
         Args:
             inputs: everything that the scores depend on, whole numbers, shape (B, ...) each.
@@ -98,24 +98,34 @@ class KeptScores:
         numbers = torch.cat(parts, dim=1).cpu().numpy().astype(np.int64)
         # The bytes of a row's inputs are its key.
         keys = [(shape, row) for row in numbers.view(f"V{8 * numbers.shape[1]}").ravel().tolist()]
-        scores = [self._rows.get(key) for key in keys]
+        with self._lock:
+            scores = [self._rows.get(key) for key in keys]
         missing = [place for place, row in enumerate(scores) if row is None]
         if missing:
             is_all = len(missing) == len(keys)
             rows = slice(None) if is_all else torch.tensor(missing, device=device)
             values = compute(rows).float().cpu().numpy()
-            for place, row in zip(missing, values, strict=True):
-                scores[place] = row
-                # A copy, so that one row does not hold on to the scores of its batch.
-                self._rows[keys[place]] = row.copy()
-            # The oldest rows go.
-            while len(self._rows) > KEPT // (ROW_BYTES + values[0].nbytes):
-                self._rows.popitem(last=False)
+            with self._lock:
+                for place, row in zip(missing, values, strict=True):
+                    scores[place] = row
+                    self._keep(keys[place], row)
         return torch.from_numpy(np.array(scores, np.float32).reshape(-1, *shape)).to(device)
+
+    def _keep(self, key: tuple[tuple[int, ...], bytes], row: NDArray[np.float32]) -> None:
+        """Keep the scores of a row; beyond :data:`KEPT` bytes, the oldest rows are dropped."""
+        if key not in self._rows:
+            self._size += ROW_BYTES + row.nbytes
+        # A copy, so that one row does not hold on to the scores of its batch.
+        self._rows[key] = row.copy()
+        while self._size > KEPT:
+            _, oldest = self._rows.popitem(last=False)
+            self._size -= ROW_BYTES + oldest.nbytes
 
     def forget(self, *_: object) -> None:
         """Drop all scores; takes any arguments, so that it can be a hook of torch."""
-        self._rows.clear()
+        with self._lock:
+            self._rows.clear()
+            self._size = 0
 
 
 class Source(nn.Module, ABC):

@@ -22,7 +22,11 @@ book = "kitchen"
 steps = 512
 distractors = 2
 [scorers.plain]
-command = "kernel"
+command = "train-complex"
+epochs = 1
+dim = 4
+folds = 2
+seed = 0
 [variants.none]
 [variants.guided]
 scorer = "plain"
@@ -84,7 +88,7 @@ def test_the_list_has_every_study_with_trainings_and_source(printed, refused):
         ),
         ('[variants.none]\n[variants.guided]\nscorer = "plain"', "", "variants"),
         ("title =", "title", "not a TOML file"),
-        ('command = "kernel"', 'command = "kernle"', "Did you mean 'kernel'"),
+        ('"train-complex"', '"train-compelx"', "Did you mean 'train-complex'"),
         ('scorer = "plain"', 'scorer = "plan"', "Did you mean 'plain'"),
         ("", "", "is a file; expected a results folder"),
     ],

@@ -31,7 +31,7 @@ from wordcraft_kg.cli.console import (
 )
 from wordcraft_kg.cli.options import Force, Table, Words
 from wordcraft_kg.runs.run_folder import sigterm_as_interrupt
-from wordcraft_kg.studies.claims import ClaimVerdict, in_words
+from wordcraft_kg.studies.claims import ClaimVerdict
 from wordcraft_kg.studies.engine import Pool, StudyProgress, missing_tasks, run_plan
 from wordcraft_kg.studies.perform import perform
 from wordcraft_kg.studies.plan import Plan, make_plan
@@ -211,7 +211,8 @@ def _list(output: Output) -> int:
 def _show(
     study: str | None, root: Path, options: ShowOptions, table: Path | None, output: Output
 ) -> int:
-    from wordcraft_kg.studies.report import write_study_report
+    from wordcraft_kg.reports.pages import write_report
+    from wordcraft_kg.studies.report import make_study_report
     from wordcraft_kg.studies.view import view_study
 
     results, folder = _collect(study, root)
@@ -222,8 +223,8 @@ def _show(
     view = view_study(results)
     text = list(_lines_of(view, table, force=options.force))
     if target is not None:
-        page, *_ = write_study_report(view, target, force=options.force)
-        text.append(f"wrote {target}/   open {page}")
+        write_report(make_study_report(view), target, force=options.force)
+        text.append(f"wrote {target}/   open {target / 'index.html'}")
     output.result({"report": None if target is None else str(target), "study": view}, text)
     return 0
 
@@ -346,7 +347,8 @@ def _reported(
         root: the results folder.
         table: file for a table of the results; None for none.
     """
-    from wordcraft_kg.studies.report import write_study_report
+    from wordcraft_kg.reports.pages import write_report
+    from wordcraft_kg.studies.report import make_study_report
     from wordcraft_kg.studies.view import view_study
 
     results = collect_study(root, plan.name)
@@ -364,10 +366,10 @@ def _reported(
         reasons = [f"no report: {gap.why}" for gap in results.missing if not failures]
         return values, [*text, *reasons[:1]]
     view = view_study(results)
-    page, *_ = write_study_report(view, folder, force=True)
+    write_report(make_study_report(view), folder, force=True)
     # After the report, which replaces the folder; small enough to keep with the page.
     write_atomically(folder / "results.json", results_text(results))
-    text = [*_lines_of(view, table), *text, f"wrote {folder}/   open {page}"]
+    text = [*_lines_of(view, table), *text, f"wrote {folder}/   open {folder / 'index.html'}"]
     return {**values, "report": str(folder)}, text
 
 
@@ -383,9 +385,8 @@ def _lines_of(view: "StudyView", table: Path | None, *, force: bool = False) -> 
     from wordcraft_kg.studies.report import tables_of
 
     rows = []
-    yield f"{view.title}: success on test tasks"
-    for point, shown in zip(view.points, tables_of(view), strict=True):
-        cells = [dict(zip(shown.headings, row, strict=True)) for row in shown.rows]
+    yield f"{view.study.title}: success on test tasks"
+    for point, cells in zip(view.points, tables_of(view), strict=True):
         rows += [{"at": point.title, **row, "tasks": point.tasks} for row in cells]
         yield f"{point.title} ({counted(point.tasks, 'test task')})"
         # A terminal is narrow: what says more about the trainings is in the report.
@@ -405,12 +406,14 @@ def _lines_of(view: "StudyView", table: Path | None, *, force: bool = False) -> 
     yield from write_table(table, rows, force=force)
 
 
-_OF_TRAININGS = ("success [seeds]", "train", "MRR", "reached after")
+_OF_TRAININGS = ("train", "MRR")
 """Columns of the report, on trainings and their spread, that the text leaves out."""
 
 
 def _rows_of_claims(claims: Sequence[ClaimVerdict]) -> Iterator[tuple[str, str]]:
-    for claim in claims:
-        yield f"  {claim.verdict}", claim.text
-        for measured in claim.measured:
-            yield "", f"{title_of(measured.values)}: {in_words(claim, measured)}"
+    from wordcraft_kg.studies.report import in_words
+
+    for checked in claims:
+        yield f"  {checked.verdict}", checked.claim.text
+        for measured in checked.measured:
+            yield "", f"{title_of(measured.values)}: {in_words(checked.claim, measured)}"

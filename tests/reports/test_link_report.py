@@ -3,6 +3,7 @@ stands alone."""
 
 import base64
 import hashlib
+import io
 import itertools
 import re
 from dataclasses import replace
@@ -197,6 +198,45 @@ def test_the_slices_by_near_synonyms_are_ranked_apart(values, graph, split, rank
         assert without_ci(slices[name]) == as_values(ranking_metrics(part))
 
 
+@pytest.mark.parametrize(("ends", "choose"), [("best", min), ("worst", max)])
+def test_best_and_worst_are_the_ends_of_the_ranking_with_each_fact_once(
+    values, kitchen_report, ends, choose
+):
+    def fact(row):
+        pair = (row["head"], row["tail"])
+        return row["relation"], *(sorted(pair) if row["relation"] == "combinesWith" else pair)
+
+    ranks = {}
+    for row in pd.read_csv(io.StringIO(kitchen_report.files["ranks.csv"])).to_dict("records"):
+        ranks[fact(row)] = choose(row["rank"], ranks.get(fact(row), row["rank"]))
+    expected = sorted(ranks.values(), reverse=ends == "worst")[: len(values[ends])]
+    assert [row["rank"] for row in values[ends]] == expected
+    assert len({fact(row) for row in values[ends]}) == len(values[ends]) == 8
+
+
+def test_perhaps_missing_lists_the_best_triples_that_the_graph_lacks(values, kitchen_model, graph):
+    known = {tuple(triple) for triple in graph.triples.tolist()}
+    table = kitchen_model.scorer.table(COMPONENT_OF)
+    pairs = itertools.permutations(range(graph.num_entities), 2)
+    missing = sorted(
+        (float(table[h, t]) for h, t in pairs if (h, COMPONENT_OF, t) not in known), reverse=True
+    )
+    listed = [row for row in values["perhaps_missing"] if row["relation"] == "componentOf"]
+    assert [row["score"] for row in listed] == pytest.approx(missing[: len(listed)])
+    assert not known & {triple_of(graph, row) for row in values["perhaps_missing"]}
+    others = [row for row in values["perhaps_missing"] if row["relation"] == "combinesWith"]
+    assert len({frozenset((row["head"], row["tail"])) for row in others}) == len(others) > 0
+
+
+def test_self_edges_are_never_listed_as_missing(opened, graph):
+    scores = torch.zeros(2, graph.num_entities, graph.num_entities)
+    scores[COMBINES_WITH].fill_diagonal_(1.0)
+    scores[COMBINES_WITH, 0, 1] = 2.0
+    values = values_of(link_report(table_scorer(graph, scores), opened))
+    assert {row["relation"] for row in values["perhaps_missing"]} == set(RELATIONS)
+    assert all(row["head"] != row["tail"] for row in values["perhaps_missing"])
+
+
 def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model, split, monkeypatch):
     honest = split.held_out("test")
     leaked = next(t for t in split.partial.tolist() if t[1] == COMPONENT_OF)
@@ -325,7 +365,7 @@ def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(
     assert set(report.view.baselines) == {"frequency", "random"}
     SCHEMA.validate(values_of(report))
     assert Page(render(report)).faults == []
-    note = "this report has no neighbour and vote baselines"
+    note = "this report has no neighbour and vote baselines, and no missing triples"
     assert [note in text_of(render(one)) for one in (kitchen_report, report)] == [False, True]
 
 

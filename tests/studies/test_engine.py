@@ -1,3 +1,4 @@
+import errno
 import itertools
 import json
 import os
@@ -159,6 +160,16 @@ def test_a_damaged_graph_is_named_with_what_to_do(done, tmp_path):
     remedy = "remove the damaged task's folder"
     assert remedy in perform(task, tmp_path).error
     assert all(remedy in gap.why for gap in collect_study(tmp_path, "small").missing[1:])
+
+
+def test_a_full_disk_fails_a_task_with_what_to_do(tmp_path, monkeypatch, caplog):
+    def run(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("wordcraft_kg.studies.perform._run", run)
+    plan = small_plan()
+    assert "free some space" in perform(plan.tasks[plan.runs[0]], tmp_path).error
+    assert not caplog.records, "no traceback for each task"
 
 
 def test_a_failure_stops_nothing_but_what_needs_it_and_is_tried_again(tmp_path):

@@ -346,6 +346,8 @@ def test_a_built_in_study_is_read_and_says_what_it_compares(name):
     [
         ('[search]\nscorer = ["partial"]', "variants.guided.scorer is also in the grid or search"),
         ('[variants.chance]\nplayer = "dice"', "player` 'dice': expected one of random pair"),
+        ('[variants.chance]\nplayer = "random pair"\nunroll = 3', "unroll is for an agent"),
+        ('[variants.odd]\nscorer = "patrial"', "Did you mean 'partial'"),
         (CLAIM, "needs either 'right', a variant, or 'than'"),
         (CLAIM + 'right = "none"\nthan = 1.0', "needs either 'right', a variant, or 'than'"),
         (CLAIM + 'right = "nnoe"', "variant` 'nnoe': expected one of.*Did you mean 'none'"),

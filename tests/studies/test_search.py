@@ -66,6 +66,7 @@ def test_a_failed_trial_loses_and_a_search_without_another_fails(caplog):
         ({"search": {}}, "no table .search."),
         ({"variants": {"a": {}, "b": {"depth": 2}}}, "one variant"),
         ({"grid": {"depth": [1, 2]}}, "one variant"),
+        ({"variants": {"a": {"player": "random pair"}}}, "not for a 'player'"),
         ({"settings": {"book": "kitchen"}}, "`valid_ratio`"),
         ({"search": {"distractors": [1, 8]}}, "search.distractors changes the tasks"),
         ({"search": {"split": ["by-goal", "by-recipe"]}}, "search.split changes the tasks"),

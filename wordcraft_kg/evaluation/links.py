@@ -16,7 +16,7 @@ from wordcraft_kg.evaluation.agent_metrics import (
     binned,
     goal_groups,
 )
-from wordcraft_kg.evaluation.ranked_links import RankedLinks
+from wordcraft_kg.evaluation.ranked_links import RankedLinks, labelled
 from wordcraft_kg.graphs import (
     COMBINES_WITH,
     RELATIONS,
@@ -184,6 +184,8 @@ def _log_loss(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> flo
     return float(-np.mean(np.where(is_true, np.log(chance), np.log1p(-chance))))
 
 
+# Rows of each list of triples: what fits on a screen.
+LISTED = 8
 # Bounds double roughly: the counts of an entity's triples are spread over orders of magnitude.
 SEEN = ((0, 0), (1, 5), (6, 15), (16, 40), (41, 100), (101, OPEN_END))
 _LAYERS = ((0, 2), (3, 5), (6, 8), (9, 11), (12, OPEN_END))
@@ -302,6 +304,79 @@ def _near_synonyms(links: RankedLinks) -> Masks:
     return {"a train recipe with a near-synonym": repeats, NO_NEAR_SYNONYM: ~repeats}
 
 
+class ListedTriple(Record, omit_defaults=True):
+    """A triple in a list of examples.
+
+    Attributes:
+        head: the head.
+        relation: the relation.
+        tail: the tail.
+        score: the scorer's score, on its own scale.
+        side: the open slot, whose entity was ranked; None for a triple that was not ranked.
+        rank: filtered rank of the true entity, from 1; ties share their mean rank.
+        top: the best candidate.
+    """
+
+    head: str
+    relation: Relation
+    tail: str
+    score: float
+    side: Literal["head", "tail"] | None = None
+    rank: Annotated[float, msgspec.Meta(ge=1)] | None = None
+    top: str | None = None
+
+
+Listed = tuple[ListedTriple, ...]
+"""A list of examples, the most telling first."""
+
+
+def listed_triples(links: RankedLinks) -> dict[str, Listed]:
+    """Return the lists `best`, `worst` and `perhaps_missing`, whose triples are different facts.
+
+    A triple's queries for head and tail, and a combinesWith triple and its mirror, are one fact.
+    """
+    tables = {"perhaps_missing": _perhaps_missing(links)}
+    for name, is_best in (("best", True), ("worst", False)):
+        order = links.ranks.sort_values(
+            ["rank", "score"], ascending=[is_best, not is_best], kind="stable"
+        )
+        ends = order[["head", "tail"]].copy()
+        is_mirrored = order["relation"] == COMBINES_WITH
+        # Sorted ends are equal for a triple and its mirror, so duplicates show.
+        ends[is_mirrored] = np.sort(ends[is_mirrored], axis=1)
+        order = order[~ends.assign(relation=order["relation"]).duplicated()]
+        tables[name] = order.head(LISTED)[list(ListedTriple.__struct_fields__)]
+    # Rows of plain numbers: a record of NumPy numbers has no JSON form.
+    return {
+        name: msgspec.convert(labelled(links.graph, table).to_dict("records"), Listed)
+        for name, table in tables.items()
+    }
+
+
+def _perhaps_missing(links: RankedLinks) -> pd.DataFrame:
+    """Return the best-scored triples outside the graph, equally many for each relation.
+
+    Such a triple may be a recipe that the book lacks. Empty for a graph too large for all pairs.
+    """
+    size = links.graph.num_entities
+    rows = []
+    for relation in range(len(RELATIONS)) if links.has_table else ():
+        scores = links.scorer.table(relation).cpu().numpy()
+        is_new = ~_table(links.graph.triples, relation, size)
+        # An entity with itself: models without an idea of roles score these pairs highest.
+        np.fill_diagonal(is_new, False)
+        if relation == COMBINES_WITH:
+            # Both directions are one fact: their mean stands above the diagonal.
+            scores = (scores + scores.T) / 2
+            is_new = np.triu(is_new)
+        pairs = np.flatnonzero(is_new)
+        order = np.argsort(-scores.ravel()[pairs], kind="stable")
+        for pair in pairs[order[: LISTED // 2]].tolist():
+            head, tail = divmod(pair, size)
+            rows.append((head, relation, tail, float(scores[head, tail])))
+    return pd.DataFrame(rows, columns=["head", "relation", "tail", "score"])
+
+
 FEW_TEST_RECIPES = 50
 """A verdict on fewer test recipes is marked: it may differ with another seed of the split."""
 
@@ -362,6 +437,8 @@ class LinkView(Record):
         baselines: metrics of each baseline.
         comparisons: differences between the model and each baseline, the best baseline first.
         drill_down: metrics for groups of queries by kind of group, see :func:`drill_down_of`.
+        best, worst: the best-ranked and the worst-ranked queries, one for each fact.
+        perhaps_missing: the best-scored triples outside the graph, perhaps missing recipes.
         provenance: facts about the training, by name.
     """
 
@@ -383,6 +460,9 @@ class LinkView(Record):
     baselines: dict[str, Slices]
     comparisons: Annotated[tuple[BaselineComparison, ...], msgspec.Meta(min_length=1)]
     drill_down: dict[str, Slices]
+    best: Listed
+    worst: Listed
+    perhaps_missing: Listed
     provenance: dict[str, str]
 
     @property
@@ -430,6 +510,7 @@ def view_links(
     }
     # Random order has a formula, so its metrics need no interval.
     baselines["random"] = {part: random_metrics(ranks[mask]) for part, mask in masks.items()}
+    lists = listed_triples(links)
     return LinkView(
         format="wordcraft-kg link report 1",
         model=EvaluatedModel(name, links.kg, links.is_full),
@@ -449,6 +530,9 @@ def view_links(
         baselines=baselines,
         comparisons=tuple(comparisons_of(links)),
         drill_down=drill_down_of(links),
+        best=lists["best"],
+        worst=lists["worst"],
+        perhaps_missing=lists["perhaps_missing"],
         provenance=dict(provenance or {}),
     )
 

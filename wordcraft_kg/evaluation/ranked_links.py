@@ -98,14 +98,7 @@ class RankedLinks:
     @property
     def labelled_ranks(self) -> pd.DataFrame:
         """The rank table with labels in place of entity and relation ids, for readers and files."""
-        # Objects: an array of fixed-width strings would copy the longest label's width each time.
-        names = np.array(self.graph.entities, dtype=object)
-        relations = np.array(RELATIONS, dtype=object)
-        frame = self.ranks.copy()
-        for column in ("head", "tail", "top"):
-            frame[column] = names[frame[column].to_numpy(dtype=np.int64)]
-        frame["relation"] = relations[frame["relation"].to_numpy(dtype=np.int64)]
-        return frame
+        return labelled(self.graph, self.ranks)
 
     @cached_property
     def clusters(self) -> Ids:
@@ -197,6 +190,18 @@ def rank_links(
         train_sample or opened.train_sample(kg),
         made_by_other_books,
     )
+
+
+def labelled(graph: RecipeGraph, triples: pd.DataFrame) -> pd.DataFrame:
+    """Return a table of triples, or of ranks, with labels in place of entity and relation ids."""
+    # Objects: an array of fixed-width strings would copy the longest label's width for each row.
+    names = np.array(graph.entities, dtype=object)
+    relations = np.array(RELATIONS, dtype=object)
+    frame = triples.copy()
+    for column in frame.columns.intersection(["head", "tail", "top"]):
+        frame[column] = names[frame[column].to_numpy(dtype=np.int64)]
+    frame["relation"] = relations[frame["relation"].to_numpy(dtype=np.int64)]
+    return frame
 
 
 Bounds = tuple[float, float]

@@ -3,6 +3,7 @@
 import logging
 import platform
 import time
+from errno import EDQUOT, ENOSPC
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -124,6 +125,9 @@ def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
     except WordCraftKGError as error:
         return Outcome(task.address, "failed", str(error))
     except Exception as error:
+        if isinstance(error, OSError) and error.errno in (ENOSPC, EDQUOT):
+            remedy = "Finished tasks are safe; free some space, then repeat the command."
+            return Outcome(task.address, "failed", f"{error}. {remedy}")
         # An error that is not the user's: its traceback goes to the log.
         logging.getLogger(__name__).exception("'%s' failed", task.title)
         return Outcome(task.address, "failed", reason(error))

@@ -170,7 +170,9 @@ def scorer_config(command: str, settings: Mapping[str, Any]) -> Any:
 
 _KINDS: Mapping[str, tuple[Any, str]] = {
     **dict.fromkeys(("book", "use", "device", "model"), (str, "text, in quotes")),
-    **dict.fromkeys(("train_ratio", "valid_ratio"), (int | float, "a number, without quotes")),
+    **dict.fromkeys(
+        ("train_ratio", "valid_ratio", "split_seed"), (int | float, "a number, without quotes")
+    ),
 }
 """Kinds of values, also in words, of settings whose configuration class checks ranges alone."""
 

@@ -139,13 +139,16 @@ def notes(view: StudyView) -> list[str]:
     if any(len(entry.seeds) == 1 for entry in entries):
         sentences.append("The interval of a single seed is over its tasks alone.")
     if any(entry.comparison for entry in entries):
-        comparisons = counted(view.comparisons, "comparison")
-        sentences += [
+        sentences.append(
             f"Differences are to {view.reference}, paired by seed and task, with intervals over "
-            f"{view.resampled}.",
+            f"{view.resampled}."
+        )
+    if view.comparisons:
+        comparisons = counted(view.comparisons, "comparison")
+        sentences.append(
             "p: of no difference, the level at which the interval of the difference reaches 0, "
-            f"none below three seeds; corrected by Holm for {comparisons}.",
-        ]
+            f"none below three seeds; corrected by Holm for {comparisons}."
+        )
     return sentences
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from wordcraft_kg.agents.agent_config import TaskConfig
 from wordcraft_kg.base.errors import ConfigError, TrainingError
 from wordcraft_kg.studies.plan import Plan, defaults_of
-from wordcraft_kg.studies.study import OF_GRAPH, Study, Value, Values, check_study
+from wordcraft_kg.studies.study import OF_GRAPH, PLAYER, Study, Value, Values, check_study
 
 _LOG = logging.getLogger(__name__)
 
@@ -64,6 +64,9 @@ def check_searchable(study: Study) -> None:
         raise ConfigError("the study has no table [search]; expected the settings to search over.")
     if len(study.variants) > 1 or study.grid or study.claims:
         raise ConfigError("a search is over one variant: leave out grid and claims.")
+    (variant,) = study.variants.values()
+    if PLAYER in variant:
+        raise ConfigError(f"a search is for an agent that is trained, not for a '{PLAYER}'.")
     if not study.settings.get("valid_ratio"):
         raise ConfigError("a search needs validation tasks: set `valid_ratio`, such as 0.1.")
     easier = sorted(study.search.keys() & {*OF_GRAPH, *defaults_of(TaskConfig)} - {"reward"})

@@ -170,7 +170,7 @@ class Study(Record, omit_defaults=True):
     scorers: dict[str, Values] = msgspec.field(default_factory=dict)
     claims: list[Claim] = msgspec.field(default_factory=list)
     search: dict[str, list[Value] | Range] = msgspec.field(default_factory=dict)
-    trials: Annotated[int, msgspec.Meta(ge=1, le=1_000)] = 20
+    trials: int = 20
 
 
 class StudyCell(Record, frozen=True):
@@ -296,6 +296,7 @@ def check_study(study: Study) -> None:
         ConfigError: for the first wrong or contradictory name or setting.
     """
     whole("seeds", study.seeds, 1, 1_000)
+    whole("trials", study.trials, 1, 1_000)
     if not study.variants:
         raise ConfigError('no variants; expected at least one table [variants."a name"].')
     if study.reference:
@@ -318,7 +319,9 @@ def check_study(study: Study) -> None:
     # The grid may name scorers, too, so they are checked cell by cell.
     for cell in cells_of(study):
         if SCORER in cell.settings:
-            one_of(SCORER, cell.settings[SCORER], list(study.scorers))
+            # A study without scorers has no name to expect.
+            names = list(study.scorers) or ["the tables [scorers.NAME], of which there is none"]
+            one_of(f"variants.{cell.variant}.{SCORER}", cell.settings[SCORER], names)
     for claim in study.claims:
         _check_claim(study, claim)
 
@@ -330,11 +333,17 @@ def _check_settings(study: Study) -> None:
     _check_names("settings.", study.settings, allowed_settings)
     _check_names("grid.", study.grid, allowed_settings)
     _check_names("search.", study.search, allowed_settings)
+    of_training = {field.name for kind in (PolicyConfig, ImpalaConfig) for field in fields(kind)}
     for variant, settings in study.variants.items():
         prefix = f"variants.{variant}."
         _check_names(prefix, settings, {PLAYER, *allowed_settings})
         if PLAYER in settings:
             one_of(f"{prefix}{PLAYER}", settings[PLAYER], PLAYERS)
+            for name in sorted(settings.keys() & of_training - {"features"}):
+                raise ConfigError(
+                    f"{prefix}{name} is for an agent that is trained, not for a player; remove the "
+                    f"setting or '{PLAYER}'."
+                )
         for name in sorted(settings.keys() & (study.grid.keys() | study.search.keys())):
             raise ConfigError(
                 f"{prefix}{name} is also in the grid or search; remove the setting from the "

@@ -252,7 +252,7 @@ def check_equal(
 
 
 def _identity(record: StudyRecord) -> dict[str, Any]:
-    """Return all settings by name; the time is no setting, and the consent is compared before."""
+    """Return all settings by name; the time is no setting."""
     values = as_values(record) | record.settings
     for name in ("created", "settings"):
         del values[name]

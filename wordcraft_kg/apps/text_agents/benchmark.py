@@ -5,6 +5,7 @@ table as ids of a book, whose content hash guards the ids.
 """
 
 import hashlib
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -40,6 +41,8 @@ from wordcraft_kg.graphs import (
 from wordcraft_kg.graphs.tasks import Rows
 
 MANIFEST = Path(__file__).parent / "data" / "everyday-v3.json"
+BOARD = MANIFEST.with_name("board.json")
+"""Rows of the leaderboard, which `benchmarks/leaderboard_page.py` writes."""
 # With 100 tasks a 95 % interval is at most 20 points wide, enough to tell clearly different players
 # apart, at a price that a language model's user can pay.
 LITE_TASKS = 100
@@ -131,6 +134,24 @@ def read_manifest(path: Path = MANIFEST) -> tuple[Manifest, str]:
     """Return the manifest and the SHA-256 of its file; raises ArtefactError for a damaged file."""
     data = read_small_file(path)
     return parse_record(data, Manifest, path), hashlib.sha256(data).hexdigest()
+
+
+def rank_text(track: str, success: float) -> str:
+    """Return the rank of a result among the rows of the leaderboard; empty without rows.
+
+    Args:
+        track: name of the track with endings.
+        success: the result: a mean success, or a mean number of known items.
+    """
+    rows = json.loads(read_small_file(BOARD)).get(track, [])
+    if not rows:
+        return ""
+    better_rows = [row for row in rows if row["success"] > success]
+    text = f"rank {len(better_rows) + 1} beside the {len(rows)} rows of the leaderboard"
+    if better_rows:
+        neighbour = better_rows[-1]
+        text += f", below {neighbour['player']} ({neighbour['success']:.3f})"
+    return text
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, Play, TaskGames
-from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.base import (
     ConfigError,
     Count,
@@ -196,12 +195,15 @@ class Track:
         )
         return World(self.opened, config, task_set(self.opened.graph, frozen.depth, frozen.tasks))
 
-    def play(self, knowledge: LookUps = "none", **rules: Any) -> Play:
+    def play(self, knowledge: str = "none", **rules: Any) -> Play:
         """Return the games as conversations.
 
         Args:
             knowledge: source of look-ups: none, or partial (the train recipes).
             rules: fields of the played settings that replace the track's, such as ``prompt_hash``.
+
+        Raises:
+            ConfigError: for other look-ups.
         """
         frozen = self.frozen
         rules = {"track": self.full_name, "knowledge": knowledge, **rules}

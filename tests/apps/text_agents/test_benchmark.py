@@ -355,7 +355,7 @@ def test_an_edited_figure_is_refused(copied, value):
         (lambda lines: [lines[0], lines[0], *lines[2:]], "line 2: game 0; expected game 1"),
         (
             lambda lines: [lines[0][:-2] + b', "invalid_actions": 1000001}\n', *lines[1:]],
-            "line 1, is damaged: Expected 'int' <= 1000000",
+            "line 1: the game has 1,000,001 invalid answers; expected at most 1,000,000",
         ),
         (
             lambda lines: [lines[0].replace(b'"success": false', b'"success": true'), *lines[1:]],

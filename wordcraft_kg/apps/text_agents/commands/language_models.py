@@ -2,7 +2,6 @@
 
 import signal
 import sys
-from collections import Counter
 from contextlib import ExitStack
 from itertools import product
 from pathlib import Path
@@ -121,13 +120,18 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     whole("tables", tables, 1, MAX_SIZE)
     number_in("mistakes", mistakes, 0, 0.9, "a probability from 0 to 0.9")
     from wordcraft_kg.apps.text_agents import benchmark_players, plays
-    from wordcraft_kg.apps.text_agents.chats import chat_rows, recipe_scorer, write_chats
+    from wordcraft_kg.apps.text_agents.chats import (
+        chat_rows,
+        new_counts,
+        recipe_scorer,
+        write_chats,
+    )
 
     check_output_file(out, force=force)
     source = open_graph(graph)
     games = [plays.open_play(graph, "train", *kind, attempts) for kind in kinds]
     title, played_by = benchmark_players.named_player(player, source, games[0].world.tasks)
-    counts = Counter(dict.fromkeys(("played", "made", "left_out", "repeated", "written"), 0))
+    counts = new_counts()
     rows = chat_rows(
         games,
         played_by,

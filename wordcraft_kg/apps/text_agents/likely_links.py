@@ -8,7 +8,8 @@ from wordcraft_kg.apps.text_agents.games import Game
 from wordcraft_kg.base import GraphMismatchError, LeakError
 from wordcraft_kg.envs.words import prompt_text
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Ids, OpenedGraph, RecipeGraph, TaskSet
-from wordcraft_kg.models.model_folder import Model, open_model
+from wordcraft_kg.models.model import Model
+from wordcraft_kg.models.model_folder import open_model
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, models_of_tasks
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 

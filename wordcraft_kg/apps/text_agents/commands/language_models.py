@@ -343,7 +343,8 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
     """
     whole("sessions", sessions, 1, _MOST_SESSIONS)
     number_in("idle", idle, 1, _LONGEST_IDLE, f"seconds, 1 to {_LONGEST_IDLE:,.0f}")
-    parts = list(dict.fromkeys(split_labels(part or ["train"])))
+    # `open_play` checks the names.
+    parts: list[Any] = list(dict.fromkeys(split_labels(part or ["train"])))
     kinds = _kinds_of_games(depth, distractors)
     game_options = (graph, part, depth, distractors, attempts, difficulty, reward, look_ups)
     if track is not None and game_options != (

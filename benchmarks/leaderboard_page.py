@@ -17,12 +17,14 @@ from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
 
-from wordcraft_kg.apps.text_agents.benchmark import read_manifest
+from wordcraft_kg.apps.text_agents.benchmark import BOARD, read_manifest
 from wordcraft_kg.apps.text_agents.benchmark_players import KINDS, reproduce
 from wordcraft_kg.apps.text_agents.submission import (
+    SUBMISSION_FILE,
     Submission,
     answers_text,
     metrics_text,
+    read_submission_file,
     submissions_at,
     verify,
 )
@@ -402,6 +404,19 @@ def _row(cells: Iterator[str] | Sequence[str]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
+def board_text(folder: Path) -> str:
+    """Return all rows with a rank as JSON, by track, the best first: `bench run` names the rank."""
+    tracks: dict[str, list[dict[str, float | str]]] = defaultdict(list)
+    for path in submissions_at(folder):
+        submission = json.loads(read_submission_file(path, SUBMISSION_FILE))
+        if submission["kind"] not in REFERENCES:
+            mean = submission["figures"]["mean"]
+            tracks[submission["track"]].append({"player": submission["player"], "success": mean})
+    for rows in tracks.values():
+        rows.sort(key=lambda row: (-row["success"], row["player"]))
+    return json.dumps(tracks, indent=1, sort_keys=True, ensure_ascii=False) + "\n"
+
+
 def write_leaderboard(folder: Path, out: Path, *, check: bool = False) -> None:
     """Write the page of a folder of submissions, or compare it with the file.
 
@@ -429,5 +444,7 @@ if __name__ == "__main__":
     arguments = parser.parse_args()
     try:
         write_leaderboard(arguments.folder, arguments.out, check=arguments.check)
+        if not arguments.check:
+            write_atomically(BOARD, board_text(arguments.folder))
     except WordCraftKGError as error:
         sys.exit(str(error))

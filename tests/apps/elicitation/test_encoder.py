@@ -234,6 +234,14 @@ MODELS = {
         lambda at: change(at / "config.json", model_type="evil", auto_map=REFS),
         "its own Python code",
     ),
+    "code of an unknown tokenizer": (
+        lambda at: change(
+            at / "tokenizer_config.json",
+            tokenizer_class="EvilTokenizer",
+            auto_map={"AutoTokenizer": ["evil.Evil", "evil.Evil"], "AutoProcessor": "evil.Evil"},
+        ),
+        "its own Python code",
+    ),
     "code of a tokenizer": (
         lambda at: change(at / "tokenizer_config.json", tokenizer_class="AutoModel"),
         "'AutoModel', which is no class of a tokenizer",

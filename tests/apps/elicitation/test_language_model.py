@@ -18,7 +18,7 @@ from wordcraft_kg.apps.elicitation.language_model import (
 )
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, MissingExtraError
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.models.knowledge.knowledge_folder import read_knowledge
+from wordcraft_kg.models.knowledge.knowledge_folder import TABLES, read_knowledge
 from wordcraft_kg.runs.record import read_run
 
 PROMPTS = tuple(
@@ -86,6 +86,37 @@ def test_the_folder_names_graph_weights_and_prompts(written, model_folder, kitch
     assert "{" not in (written / "README.md").read_text().split("|---|")[1].replace(
         "{e}", ""
     ).replace("{E}", "")
+
+
+@pytest.mark.parametrize("damage", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_an_interrupted_run_continues_with_the_same_bits(
+    written, language_model, kitchen, tmp_path, monkeypatch, damage
+):
+    after, calls = module._LabelProbabilities.after, []
+
+    def interrupted(self, texts):
+        calls.append(len(texts))
+        if len(calls) == 9:
+            raise KeyboardInterrupt
+        return after(self, texts)
+
+    out = tmp_path / "lm"
+    monkeypatch.setattr(module._LabelProbabilities, "after", interrupted)
+    with pytest.raises(KeyboardInterrupt, match=r"\d+ of 400 texts are saved. Repeat"):
+        elicit_knowledge(out, kitchen, language_model, PROMPTS)
+    assert not out.exists()
+    (saved,) = tmp_path.iterdir()
+    if damage:
+        file = max(saved.iterdir())
+        file.write_bytes(file.read_bytes()[:100])
+    done = len(list(saved.iterdir())) - damage
+    elicit_knowledge(out, kitchen, language_model, PROMPTS)
+    repeated = len(calls) - 9
+    assert list(tmp_path.iterdir()) == [out]
+    assert (out / TABLES).read_bytes() == (written / TABLES).read_bytes()
+    calls[:] = [0] * 9
+    elicit_knowledge(out, kitchen, language_model, PROMPTS, force=True)
+    assert 0 < repeated <= len(calls) - 9 - done
 
 
 def test_random_weights_are_a_control_that_depends_on_the_seed_alone(

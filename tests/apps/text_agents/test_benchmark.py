@@ -35,10 +35,12 @@ from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.players import knowledge_players, nearest_words, scorer_players
 from wordcraft_kg.apps.text_agents import benchmark, benchmark_players, submission
 from wordcraft_kg.apps.text_agents.benchmark import (
+    BOARD,
     FrozenTask,
     FrozenTrack,
     Track,
     open_track,
+    rank_text,
     read_manifest,
 )
 from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter, reproduce
@@ -59,6 +61,7 @@ from wordcraft_kg.models.scorers.features import make_features
 
 sys.path.append(str(Path(__file__).parents[3] / "benchmarks"))
 write_leaderboard = import_module("leaderboard_page").write_leaderboard
+board_text = import_module("leaderboard_page").board_text
 FIRST_TWO = "import sys\nfor line in sys.stdin: print('1 + 2', flush=True)"
 PYTHON = shlex.quote(sys.executable)
 PROGRAM = f"program:{PYTHON} -c {shlex.quote(FIRST_TWO)}"
@@ -352,7 +355,7 @@ def test_an_edited_figure_is_refused(copied, value):
         (lambda lines: [lines[0], lines[0], *lines[2:]], "line 2: game 0; expected game 1"),
         (
             lambda lines: [lines[0][:-2] + b', "invalid_actions": 1000001}\n', *lines[1:]],
-            "line 1, is damaged: Expected 'int' <= 1000000",
+            "line 1: the game has 1,000,001 invalid answers; expected at most 1,000,000",
         ),
         (
             lambda lines: [lines[0].replace(b'"success": false', b'"success": true'), *lines[1:]],
@@ -738,3 +741,16 @@ def test_an_archive_without_games_or_with_too_large_ones_is_refused(
     monkeypatch.setattr(submission, "SMALL_FILE", bomb.stat().st_size + 1)
     with pytest.raises(ArtefactError, match=r"'games\.jsonl', has [0-9,]+ bytes; the limit"):
         verify(bomb)
+
+
+def test_the_packages_board_is_that_of_the_leaderboard_and_ranks_a_result():
+    assert BOARD.read_text(encoding="utf-8") == board_text(
+        Path(__file__).parents[3] / "leaderboard" / "everyday-v3"
+    )
+    rows = json.loads(BOARD.read_text(encoding="utf-8"))["craft-8-lite"]
+    assert rank_text("craft-8-lite", 1.0).startswith(f"rank 1 beside the {len(rows)} rows")
+    assert rank_text("craft-8-lite", 0.0).startswith(f"rank {len(rows) + 1} ")
+    second = rank_text("craft-8-lite", rows[0]["success"] - 1e-6)
+    assert rows[0]["success"] > 0.5
+    assert "below " in second
+    assert rank_text("no-such-track", 1.0) == ""

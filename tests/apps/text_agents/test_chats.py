@@ -14,6 +14,7 @@ from wordcraft_kg.apps.text_agents.chats import (
     CLOSING,
     WORDINGS,
     chat_rows,
+    new_counts,
     recipe_scorer,
     worded_rules,
 )
@@ -33,9 +34,9 @@ def kitchen_plays(*depths, part="train", attempts=None):
 
 
 def rows_of(plays, player=recipe_oracle, **settings):
-    counts = Counter()
+    counts = new_counts()
     rows = [*chat_rows(plays, player, counts, **settings)]
-    assert counts["written"] == len(rows)
+    assert counts["written"] == len(rows) == counts["by_depth"].total()
     assert counts["written"] + counts["left_out"] + counts["repeated"] == counts["played"]
     return rows, counts
 
@@ -99,19 +100,20 @@ def test_equal_conversations_are_written_once():
 
 
 def test_orders_wordings_and_distractors_vary():
-    rows, _ = rows_of(kitchen_plays(1), style="text", tasks=60, tables=5)
+    rows, counts = rows_of(kitchen_plays(1), style="text", tasks=60, tables=5)
     answers = [row["messages"][2]["content"].split(" + ") for row in rows]
     ordered = [answer == sorted(answer) for answer in answers if len({*answer}) == 2]
     assert 0.35 < sum(ordered) / len(ordered) < 0.65
-    assert {row["wording"] for row in rows} == {*range(len(WORDINGS) + 1)}
+    assert {*counts["by_wording"]} == {*range(len(WORDINGS) + 1)}
     assert len({row["messages"][0]["content"] for row in rows}) == len(WORDINGS) + 1
     tables = Counter(row["messages"][1]["content"] for row in rows)
     assert max(tables.values()) == 1
 
 
 def test_mistakes_are_marked_and_made_good_or_lost():
-    rows, _ = rows_of(kitchen_plays(1, attempts=2), keep="all", mistakes=0.6, style="text")
-    assert sum(row["made"] and bool(row["mistakes"]) for row in rows) > 20
+    rows, counts = rows_of(kitchen_plays(1, attempts=2), keep="all", mistakes=0.6, style="text")
+    assert counts["lost"] == sum(not row["made"] for row in rows)
+    assert counts["recovered"] == sum(row["made"] and bool(row["mistakes"]) for row in rows) > 20
     replies = Counter()
     for row in rows:
         for place in row["mistakes"]:
@@ -120,8 +122,8 @@ def test_mistakes_are_marked_and_made_good_or_lost():
             replies["invalid" if reply.startswith("Invalid") else "nothing"] += 1
             assert last or reply.startswith("Invalid") or reply.endswith("-> nothing")
     assert min(replies["invalid"], replies["nothing"]) > 20
-    short, _ = rows_of(kitchen_plays(1), keep="all", mistakes=0.6)
-    assert sum(not row["made"] for row in short) > 10
+    _, short = rows_of(kitchen_plays(1), keep="all", mistakes=0.6)
+    assert short["lost"] > 10
 
 
 def test_each_row_has_the_mark_of_the_benchmark_but_no_request():
@@ -256,7 +258,7 @@ def graphs(request, tmp_path_factory):
 def chats(graph, games):
     play = open_play(graph, "train", 2, 3, 3)
     settings = {"keep": "all", "tasks": games, "tables": 1 + games // 500}
-    return [*chat_rows([play], random_distinct, Counter(), **settings)]
+    return [*chat_rows([play], random_distinct, new_counts(), **settings)]
 
 
 def pair_of(table, rng):

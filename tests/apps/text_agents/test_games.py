@@ -13,14 +13,16 @@ from wordcraft_kg.apps.text_agents.conversation import (
     hidden_pairs,
     known_recipes,
 )
+from wordcraft_kg.apps.text_agents.likely_links import LikelyLinks
 from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, GameList, TaskGames, open_play
 from wordcraft_kg.apps.text_agents.results import evaluation_of, mean_known, record_of
 from wordcraft_kg.apps.text_agents.settings import MAX_INVALID
 from wordcraft_kg.apps.text_agents.text_env import TextEnv
 from wordcraft_kg.apps.text_agents.trl import SetCraftingEnvironment, crafting_rows
 from wordcraft_kg.base.answers import read_set
-from wordcraft_kg.base.errors import ActionError, EpisodeError
+from wordcraft_kg.base.errors import ActionError, EpisodeError, GraphMismatchError, LeakError
 from wordcraft_kg.graphs import OpenedGraph
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 
 def play_all(games, distractor_seeds, player):
@@ -237,6 +239,37 @@ def test_answers_with_names_make_all_goals_of_numbers():
         made.append(talk.game.is_made)
     assert len(made) > 20
     assert all(made)
+
+
+def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games, opened_kitchen):
+    scorer = FrequencyScorer(opened_kitchen.graph, opened_kitchen.split.partial)
+    links = LikelyLinks(scorer, opened_kitchen.graph, games.world.tasks)
+    game = games.game(0)
+    entity = opened_kitchen.graph.id_of(game.labels[0])
+    partners, parts_of, made_of = links(game, entity)
+    assert partners.startswith("on this table, most likely combines with: ")
+    assert all(label in partners for label in game.labels[1:])
+    assert f" {game.labels[0]} (" not in partners
+    best = scorer.top(None, "componentOf", entity)[0]
+    assert made_of.startswith(f"most likely ingredients: {best[0]} (")
+    assert parts_of.count("(") == 10
+    talk = Conversation(game, look_ups=1, knowledge=links)
+    assert talk.hear(f"look up {game.labels[0]}").startswith("Likely links of ")
+    train = World(opened_kitchen, WordCraftConfig(part="train")).tasks
+    with pytest.raises(LeakError):
+        LikelyLinks(scorer, opened_kitchen.graph, train)
+
+
+@pytest.mark.slow
+def test_a_model_folder_answers_look_ups_on_its_own_split_alone(recipes_folder):
+    asked = {"knowledge": "scorer", "scorer": recipes_folder, "look_ups": 1}
+    for part in ("test", "train"):
+        play = open_play("kitchen", part, 1, 3, **asked)
+        talk = play.begin()
+        talk.hear(f"look up {talk.game.labels[0]}")
+        assert (talk.look_ups, play.settings.kg) == (1, "partial")
+    with pytest.raises(GraphMismatchError):
+        open_play("everyday", "test", 1, 3, **asked)
 
 
 BOOK = "examples/kitchen-sets.csv"

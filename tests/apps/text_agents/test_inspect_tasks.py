@@ -254,6 +254,8 @@ def test_other_logs_and_files_are_refused(play, tmp_path):
         (crafting, {"distractor_seeds": 0}, "distractor_seeds", "0"),
         (crafting, {"max_invalid": -1}, "max_invalid", "-1"),
         (crafting, {"knowledge": "full"}, "knowledge", "'full'"),
+        (crafting, {"knowledge": "scorer", "scorer": "models/none"}, "", "models/none"),
+        (crafting, {"scorer": "models/none"}, "knowledge", "expected scorer with a model folder"),
         (crafting, {"look_ups": 1.5}, "look_ups", "1.5"),
         (discovery, {"base": ["water", "unicorn"]}, "base", "unicorn"),
         (discovery, {"base": 1}, "base", "no entity '1'"),

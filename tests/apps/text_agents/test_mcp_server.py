@@ -448,6 +448,7 @@ def test_bad_options_are_refused_before_anything_is_served(run, tmp_path):
                 "is in use by another program",
             ),
             (["--json"], "", "stdout is reserved for the protocol"),
+            (["--scorer", tmp_path], "knowledge", "expected scorer with a model folder"),
             (["--open-ended", "--base", "unicorn"], "base", "no entity 'unicorn' in kitchen"),
         ):
             outcome = run("mcp", "kitchen", *options)

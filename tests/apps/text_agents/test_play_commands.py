@@ -109,6 +109,7 @@ def test_q_or_the_end_of_the_input_ends_the_game_in_good_order(typed, lines):
         ("--open-ended --seed 0", "--open-ended has no tasks"),
         ("--open-ended --attempts 0", "--attempts 0"),
         ("--export game.html --depth 2", "--browser and --export have their own tasks"),
+        ("--port 9000", "--host and --port are for a server; add --browser"),
     ],
 )
 def test_options_that_cannot_be_are_one_line(typed, tmp_path, monkeypatch, options, message):

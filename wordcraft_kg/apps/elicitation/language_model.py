@@ -6,8 +6,11 @@ log-probability after neutral texts.
 """
 
 import hashlib
+import json
 import math
+import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, groupby
@@ -15,6 +18,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import safetensors.torch
 import torch
 from torch import Tensor
 
@@ -25,6 +29,7 @@ from wordcraft_kg.apps.elicitation.foreign_code import (
     working,
 )
 from wordcraft_kg.base import (
+    TEMPORARY,
     ArtefactError,
     ConfigError,
     Record,
@@ -33,9 +38,12 @@ from wordcraft_kg.base import (
     dump_json,
     parse_record,
     read_json,
+    read_large_file,
     read_small_file,
     with_a_name,
+    write_atomically,
 )
+from wordcraft_kg.base.tensors import read_tensors
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.knowledge.knowledge_folder import (
     KnowledgeRecord,
@@ -45,7 +53,7 @@ from wordcraft_kg.models.knowledge.knowledge_folder import (
     write_knowledge,
 )
 from wordcraft_kg.runs.record import front_matter
-from wordcraft_kg.runs.run_folder import Progress
+from wordcraft_kg.runs.run_folder import Progress, locked_folder
 
 _IN_PHRASE = {"part": ("{ingredient}", "{result}"), "pair": ("{a}", "{b}")}
 """Places that the phrase of a table needs, by role."""
@@ -122,7 +130,7 @@ def prompts_text(prompts: tuple[Prompt, ...]) -> str:
 
 
 _BATCH = 32
-"""Texts in a forward pass; part of the result's last bits."""
+"""Texts in a forward pass; part of the result's last bits, so also of the key of saved rows."""
 _LARGEST = 2**31
 """Bytes of all tables: 9,088 entities with the 13 default prompts."""
 
@@ -291,6 +299,9 @@ def elicit_knowledge(
 ) -> KnowledgeTables:
     """Write a knowledge folder with a table for each prompt, and return the tables.
 
+    Rows are saved in a hidden folder beside ``out``: a call after an interruption computes only the
+    remaining rows.
+
     Args:
         out: folder to write.
         graph: graph with E entities; recipes are not used.
@@ -307,6 +318,7 @@ def elicit_knowledge(
         ConfigError: if the tables are too large, or a label has no tokens.
         ArtefactError: if a probability is not finite.
         OutputExistsError: if ``out`` exists and ``force`` is False.
+        KeyboardInterrupt: after Ctrl-C, with the number of saved texts.
     """
     out = with_a_name(out)
     check_output(out, force=force)
@@ -328,29 +340,39 @@ def elicit_knowledge(
         inputs["random weights, seed"] = str(language_model.random_seed)
         source = "language model with random weights"
     probabilities = _LabelProbabilities(language_model, graph.entities)
-    tables = _tables(probabilities, graph.entities, prompts, report)
+    texts = [probabilities.read(map(prompt.text, graph.entities)) for prompt in prompts]
+    # Everything that decides about the rows is in the name of their folder: another model, prompt
+    # or graph has another one, and so never takes these rows. A tokenizer's files have no hash.
+    key = json.dumps([inputs, _BATCH, probabilities.tokens.tolist(), texts])
+    digest = hashlib.sha256(key.encode()).hexdigest()[:16]
+    folder = out.parent / f".{out.name}.{digest}{TEMPORARY}"
     infos = tuple(
         TableInfo(name=prompt.name, role=prompt.role, phrase=prompt.phrase) for prompt in prompts
     )
     record = KnowledgeRecord(source=source, entities=graph.entities, tables=infos)
-    knowledge = KnowledgeTables(record, tables)
-    files = {"prompts.json": text, "README.md": _card(graph, knowledge, inputs, prompts)}
-    write_knowledge(out, "elicit", knowledge, inputs=inputs, files=files, force=force)
+    with locked_folder(folder, "written"):
+        knowledge = KnowledgeTables(record, _tables(probabilities, texts, prompts, folder, report))
+        files = {"prompts.json": text, "README.md": _card(graph, knowledge, inputs, prompts)}
+        write_knowledge(out, "elicit", knowledge, inputs=inputs, files=files, force=force)
+        # Only after the knowledge folder is complete.
+        shutil.rmtree(folder)
     return knowledge
 
 
 def _tables(
     probabilities: _LabelProbabilities,
-    labels: Sequence[str],
+    texts: Sequence[list[list[int]]],
     prompts: tuple[Prompt, ...],
+    folder: Path,
     report: Progress | None,
 ) -> tuple[Tensor, ...]:
-    """Return a table for each prompt.
+    """Return a table for each prompt, from rows saved in ``folder`` or computed and saved there.
 
     Args:
-        probabilities: the language model.
-        labels: E labels.
+        probabilities: the language model, for E labels.
+        texts: for each of P prompts the tokens of E texts.
         prompts: P prompts.
+        folder: folder of saved rows, a file for each batch.
         report: called with the numbers of finished and of all texts; None for no report.
 
     Returns:
@@ -358,23 +380,42 @@ def _tables(
 
     Raises:
         ArtefactError: if a probability is not finite.
+        KeyboardInterrupt: after Ctrl-C, with the number of saved texts.
     """
-    size = len(labels)
+    size = probabilities.size
     tables = torch.zeros(len(prompts), size, size, dtype=torch.half)
     num_done = 0
-    for table, prompt in zip(tables, prompts, strict=True):
-        neutral = _neutral(probabilities, prompt.neutral)
-        for rows, batch in _batches(probabilities.read(map(prompt.text, labels))):
-            values = (probabilities.after(batch) - neutral).half()
-            if not values.isfinite().all():
-                raise ArtefactError(
-                    "the language model gives probabilities that are not finite. Use another."
-                )
-            table[rows] = values
-            num_done += len(rows)
-            if report:
-                report(num_done, len(prompts) * size, {})
+    try:
+        for table, prompt, prompt_texts in zip(tables, prompts, texts, strict=True):
+            neutral = _neutral(probabilities, prompt.neutral)
+            for rows, batch in _batches(prompt_texts):
+                table[rows] = _rows(probabilities, batch, neutral, folder / str(num_done))
+                num_done += len(rows)
+                if report:
+                    report(num_done, len(prompts) * size, {})
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(
+            f"interrupted; {num_done:,} of {len(prompts) * size:,} texts are saved. Repeat the "
+            "command to continue."
+        ) from None
     return tuple(map(_oriented, tables, prompts))
+
+
+def _rows(
+    probabilities: _LabelProbabilities, texts: list[list[int]], neutral: Tensor, file: Path
+) -> Tensor:
+    """Return the rows of texts, shape (B, E), from a file, or computed and saved there."""
+    # A file may be missing, or cut short by a power failure.
+    with suppress(ArtefactError):
+        return read_tensors(file, read_large_file(file))["rows"]
+    rows = (probabilities.after(texts) - neutral).half()
+    if not rows.isfinite().all():
+        raise ArtefactError(
+            "the language model gives probabilities that are not finite. Use another."
+        )
+    # Atomic: a batch is either saved or not, even after a kill.
+    write_atomically(file, safetensors.torch.save({"rows": rows}))
+    return rows
 
 
 def _neutral(probabilities: _LabelProbabilities, texts: Sequence[str]) -> Tensor:

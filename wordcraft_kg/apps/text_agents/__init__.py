@@ -2,7 +2,8 @@
 
 Read ``conversation`` first: it turns a *game* into prompts, and answers into attempts. A game
 (``games``) is a crafting task with a fixed inventory, or a game in the open-ended world (without a
-goal: discover entities). None of the files for playing needs torch::
+goal: discover entities). None of the files for playing needs torch, unless look-ups come from a
+trained scorer::
 
     talk = TaskGames(World.open("kitchen", WordCraftConfig(part="test"))).begin(task=0)
     print(talk.opening)

@@ -5,6 +5,7 @@ table as ids of a book, whose content hash guards the ids.
 """
 
 import hashlib
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -16,7 +17,6 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, Play, TaskGames
-from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.base import (
     ConfigError,
     Count,
@@ -40,6 +40,8 @@ from wordcraft_kg.graphs import (
 from wordcraft_kg.graphs.tasks import Rows
 
 MANIFEST = Path(__file__).parent / "data" / "everyday-v3.json"
+BOARD = MANIFEST.with_name("board.json")
+"""Rows of the leaderboard, which `benchmarks/leaderboard_page.py` writes."""
 # With 100 tasks a 95 % interval is at most 20 points wide, enough to tell clearly different players
 # apart, at a price that a language model's user can pay.
 LITE_TASKS = 100
@@ -133,6 +135,24 @@ def read_manifest(path: Path = MANIFEST) -> tuple[Manifest, str]:
     return parse_record(data, Manifest, path), hashlib.sha256(data).hexdigest()
 
 
+def rank_text(track: str, success: float) -> str:
+    """Return the rank of a result among the rows of the leaderboard; empty without rows.
+
+    Args:
+        track: name of the track with endings.
+        success: the result: a mean success, or a mean number of known items.
+    """
+    rows = json.loads(read_small_file(BOARD)).get(track, [])
+    if not rows:
+        return ""
+    better_rows = [row for row in rows if row["success"] > success]
+    text = f"rank {len(better_rows) + 1} beside the {len(rows)} rows of the leaderboard"
+    if better_rows:
+        neighbour = better_rows[-1]
+        text += f", below {neighbour['player']} ({neighbour['success']:.3f})"
+    return text
+
+
 @dataclass(frozen=True)
 class Track:
     """A track ready for play; its games are numbered from 0, and ``len`` counts them.
@@ -175,12 +195,15 @@ class Track:
         )
         return World(self.opened, config, task_set(self.opened.graph, frozen.depth, frozen.tasks))
 
-    def play(self, knowledge: LookUps = "none", **rules: Any) -> Play:
+    def play(self, knowledge: str = "none", **rules: Any) -> Play:
         """Return the games as conversations.
 
         Args:
             knowledge: source of look-ups: none, or partial (the train recipes).
             rules: fields of the played settings that replace the track's, such as ``prompt_hash``.
+
+        Raises:
+            ConfigError: for other look-ups.
         """
         frozen = self.frozen
         rules = {"track": self.full_name, "knowledge": knowledge, **rules}

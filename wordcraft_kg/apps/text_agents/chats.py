@@ -169,6 +169,18 @@ language model learns the game and not its prompt.
 """
 
 
+def new_counts() -> dict[str, Any]:
+    """Return counts of games, all 0.
+
+    These are all games (``played``), those that made the goal (``made``), those that were not to be
+    kept (``left_out``) or whose conversation was written before (``repeated``), and conversations:
+    all ``written``, those that do not make the goal (``lost``), those that make it after a mistake
+    (``recovered``), by depth, and by wording of the rules.
+    """
+    names = ("played", "made", "left_out", "repeated", "written", "lost", "recovered")
+    return {**dict.fromkeys(names, 0), "by_depth": Counter(), "by_wording": Counter()}
+
+
 def worded_rules(talk: Conversation, wording: int, *, by_tool: bool) -> str:
     """Return the rules of a game in a wording.
 
@@ -190,7 +202,7 @@ def worded_rules(talk: Conversation, wording: int, *, by_tool: bool) -> str:
 def chat_rows(  # noqa: PLR0913 - each argument is an option of the command
     plays: Sequence[Play],
     player: "Player",
-    counts: Counter[str],
+    counts: dict[str, Any],
     *,
     style: Style = "tools",
     keep: Kept = "made",
@@ -206,9 +218,7 @@ def chat_rows(  # noqa: PLR0913 - each argument is an option of the command
     Args:
         plays: games of the part train, for each depth and number of distractors.
         player: a scripted player or a policy.
-        counts: counts of games, which this function adds to: ``played``, ``made`` (the goal),
-            ``left_out`` (not to be kept), ``repeated`` (an equal conversation was written before)
-            and ``written``.
+        counts: counts of :func:`new_counts`, which this function adds to.
         style: calls of a tool, or text.
         keep: games to keep.
         tables: tables for each task, each with distractors of its own.
@@ -258,6 +268,10 @@ def chat_rows(  # noqa: PLR0913 - each argument is an option of the command
             else:
                 digests.add(digest)
                 counts["written"] += 1
+                counts["lost"] += not game.is_made
+                counts["recovered"] += game.is_made and bool(places)
+                counts["by_depth"][play.settings.depth] += 1
+                counts["by_wording"][wording] += 1
                 schema = COMBINE_SET if game.most_picks else COMBINE
                 tools = {"tools": [schema]} if style == "tools" else {}
                 yield {

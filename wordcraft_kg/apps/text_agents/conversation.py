@@ -17,6 +17,8 @@ from wordcraft_kg.base.labels import read_label
 from wordcraft_kg.envs.words import combined, prompt_text
 from wordcraft_kg.graphs import layers
 
+Facts = Callable[[Game, int], list[str]]
+"""From a game and an entity (id) to facts about it as text lines, the most relevant first."""
 _MOST_FACTS = 40
 """Most recipes in a reply; some entities have hundreds."""
 
@@ -154,13 +156,15 @@ class Conversation:
         *,
         max_invalid: int = MAX_INVALID,
         look_ups: int = 0,
+        knowledge: Facts = known_recipes,
     ):
         """Begin a conversation.
 
         Args:
             game: a game that has just begun.
             max_invalid: consecutive invalid messages without cost; the next one costs an attempt.
-            look_ups: look-ups of train recipes in the game; 0 offers none.
+            look_ups: look-ups in the game; 0 offers none.
+            knowledge: source of the look-ups.
         """
         self.game = game
         self.name = ""
@@ -173,6 +177,7 @@ class Conversation:
         self.is_invalid = False
         self.facts: tuple[str, list[str]] = ("", [])
         self.on_end: Callable[[Conversation], None] | None = None
+        self._knowledge = knowledge
         self._max_invalid = max_invalid
         self._in_a_row = 0
         self._room = MOST_CHARACTERS
@@ -296,10 +301,12 @@ class Conversation:
         entity = read_label(item, entities, by_number=False)
         if self.look_ups >= self.offers_look_ups:
             raise ActionError(self.game.text("no_look_ups"))
-        facts = known_recipes(self.game, entity)
+        facts = self._knowledge(self.game, entity)
+        # Only now: a look-up that failed is not counted.
         self.look_ups += 1
         self.facts = (entities[entity], facts)
-        prompt = "known_recipes" if facts else "no_facts"
+        prompt = "known_recipes" if self._knowledge is known_recipes else "likely_links"
+        prompt = prompt if facts else "no_facts"
         return prompt_text(prompt, entity=entities[entity], facts="\n".join(facts))
 
     def _reject(self, reason: str) -> str:

@@ -28,7 +28,7 @@ from wordcraft_kg.apps.text_agents.settings import (
     ATTEMPTS,
     LOOK_UPS,
     MAX_INVALID,
-    LookUps,
+    KnowledgeKind,
     PlayedSettings,
 )
 from wordcraft_kg.base import (
@@ -80,8 +80,8 @@ _NOT_NEEDED = {"messages", "events", "events_data", "timelines", "store", "outpu
 """Skipped log fields; messages are the largest part."""
 _GAME = ("everyday", "test", 1, 8, None)
 """Defaults of graph, part, depth, distractors and attempts."""
-_RULES = (LOOK_UPS, 1, None, MAX_INVALID)
-"""Defaults of look-ups, distractor seeds, tasks and invalid actions."""
+_RULES = (None, LOOK_UPS, 1, None, MAX_INVALID)
+"""Defaults of scorer, look-ups, distractor seeds, tasks and invalid actions."""
 _SCORE = "wordcraft_kg_score"
 """Key in a sample's store, by which the solver hands the game's score to the scorer."""
 
@@ -106,7 +106,8 @@ def crafting(  # noqa: PLR0913 - parameters are the options of `inspect eval -T`
     attempts: int | None = None,
     distractor_seeds: int = 1,
     tasks: int | None = None,
-    knowledge: LookUps = "none",
+    knowledge: KnowledgeKind = "none",
+    scorer: str | None = None,
     look_ups: int = LOOK_UPS,
     max_invalid: int = MAX_INVALID,
     track: str | None = None,
@@ -122,23 +123,25 @@ def crafting(  # noqa: PLR0913 - parameters are the options of `inspect eval -T`
         distractor_seeds: tables per task, with different distractors.
         tasks: number of tasks, evenly spaced over the part; None for all.
         knowledge: look-up source.
+        scorer: model folder, for ``knowledge`` scorer.
         look_ups: look-ups in a game.
         max_invalid: consecutive invalid actions without cost.
         track: track of the benchmark, which fits with ``knowledge`` only.
 
     Raises:
-        InspectTaskError: for a wrong parameter, or an unreadable graph.
+        InspectTaskError: for a wrong parameter, or an unreadable graph or scorer.
     """
     with _readable():
         whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE)
         whole("max_invalid", max_invalid, 0, MAX_SIZE)
         # Inspect may have parsed a book's name as a number.
         game = (str(graph), part, depth, distractors, attempts)
-        rules = (look_ups, distractor_seeds, tasks, max_invalid)
+        rules = (_folder(scorer), look_ups, distractor_seeds, tasks, max_invalid)
         if track is None:
             play: Play = open_play(
                 *game,
                 knowledge=knowledge,
+                scorer=_folder(scorer),
                 look_ups=look_ups,
                 distractor_seeds=distractor_seeds,
                 tasks=tasks,
@@ -173,7 +176,8 @@ def discovery(
     attempts: int = ATTEMPTS,
     base: Any = None,
     games: int = 1,
-    knowledge: LookUps = "none",
+    knowledge: KnowledgeKind = "none",
+    scorer: str | None = None,
     look_ups: int = LOOK_UPS,
     max_invalid: int = MAX_INVALID,
 ) -> Task:
@@ -185,11 +189,12 @@ def discovery(
         base: label or labels of the entities at the start; None for the graph's base.
         games: number of games, all from the same entities.
         knowledge: look-up source.
+        scorer: model folder, for ``knowledge`` scorer.
         look_ups: look-ups in a game.
         max_invalid: consecutive invalid actions without cost.
 
     Raises:
-        InspectTaskError: for a wrong parameter, or an unreadable graph.
+        InspectTaskError: for a wrong parameter, or an unreadable graph or scorer.
     """
     with _readable():
         whole("games", games, 1, MAX_SIZE)
@@ -200,11 +205,17 @@ def discovery(
             attempts=attempts,
             base=None if base is None else [str(label) for label in labels],
             knowledge=knowledge,
+            scorer=_folder(scorer),
             look_ups=look_ups,
             distractor_seeds=games,
             max_invalid=whole("max_invalid", max_invalid, 0, MAX_SIZE),
         )
         return _discovery(play)
+
+
+def _folder(scorer: object) -> Path | None:
+    # Inspect may have parsed the name of a folder as a number.
+    return None if scorer is None else Path(str(scorer))
 
 
 def _discovery(play: Play) -> Task:

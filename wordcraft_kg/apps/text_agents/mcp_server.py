@@ -58,6 +58,7 @@ _TOOLS = {
     "end": "End a game early.",
 }
 _KNOWN = "the known recipes of"
+_LIKELY = "the likely links of"
 _COMBINE_SET = (
     "Make an attempt: combine items, each as often as it is needed. Refer to each item by name or "
     "number. Invalid input is rejected and does not use up an attempt."
@@ -274,7 +275,9 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
     play = hosted.play
     settings = play.settings
     last = None if settings.is_open_ended else len(play.world.tasks) - 1
-    return _server(play.game().rules, last, settings.look_ups, hosted, sets=play.has_sets)
+    known = _LIKELY if settings.knowledge == "scorer" else _KNOWN
+    rules = play.game().rules
+    return _server(rules, last, settings.look_ups, hosted, sets=play.has_sets, known=known)
 
 
 @lru_cache(2)
@@ -283,10 +286,10 @@ def tools_hash(*, sets: bool = False) -> str:
 
     These are the game texts, the instructions, and the lists of tools with their schemas.
     """
-    # Two servers have all tools and all wordings between them: of tasks, and of the open-ended
-    # world. That world's look-ups were once of a scorer, and the frozen hash has these words.
+    # Two servers have all tools and all wordings between them: tasks with the train recipes, and
+    # the open-ended world with a scorer.
     lists = []
-    for last, known in ((0, _KNOWN), (None, "the likely links of")):
+    for last, known in ((0, _KNOWN), (None, _LIKELY)):
         server = _server("", last, 2, sets=sets, known=known)
         tools = anyio.run(server.list_tools)
         lists.append([tool.model_dump(mode="json") for tool in tools])

@@ -16,7 +16,7 @@ import gzip
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import cache, lru_cache
+from functools import cache
 from itertools import chain
 from pathlib import Path
 from typing import Any, get_args
@@ -24,11 +24,12 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.apps.text_agents.conversation import Conversation
+from wordcraft_kg.apps.text_agents.conversation import Conversation, Facts, known_recipes
 from wordcraft_kg.apps.text_agents.games import DiscoveryGame, Game, TaskGame
 from wordcraft_kg.apps.text_agents.settings import (
     ATTEMPTS,
     LOOK_UPS,
+    KnowledgeKind,
     LookUps,
     PlayedSettings,
 )
@@ -37,7 +38,6 @@ from wordcraft_kg.base import (
     ConfigError,
     counted,
     number_in,
-    one_of,
     whole,
 )
 from wordcraft_kg.base.labels import ANSWER_GRAMMAR
@@ -170,7 +170,8 @@ class Play(ABC):
         self,
         opened: OpenedGraph,
         *,
-        knowledge: LookUps = "none",
+        knowledge: KnowledgeKind = "none",
+        scorer: Path | None = None,
         look_ups: int = LOOK_UPS,
         **fields: Any,
     ):
@@ -179,17 +180,36 @@ class Play(ABC):
         Args:
             opened: graph and split.
             knowledge: look-up source.
+            scorer: model folder, for ``knowledge`` scorer.
             look_ups: look-ups in a game.
             fields: further fields of
                 :class:`~wordcraft_kg.apps.text_agents.settings.PlayedSettings`.
 
         Raises:
             ConfigError: for another look-up source, or a number out of range.
+            ArtefactError: if the scorer's folder is unfinished or damaged.
+            GraphMismatchError: if the scorer is of another graph or split.
+            LeakError: if a scorer would reveal its train recipes on train tasks.
         """
         self._opened = opened
+        self._knowledge: Facts = known_recipes
         self.has_sets = not opened.graph.has_pairs_only
-        one_of("knowledge", knowledge, get_args(LookUps))
         whole("look_ups", look_ups, 0, MAX_SIZE)
+        choices = get_args(LookUps) if scorer is None else ("scorer",)
+        if knowledge not in choices:
+            raise ConfigError(
+                f"`knowledge` {knowledge!r:.60} with `scorer` {scorer}: expected scorer with a "
+                "model folder, or none or partial without."
+            )
+        if scorer is not None:
+            # Here, because it loads torch.
+            from wordcraft_kg.apps.text_agents.likely_links import LikelyLinks, open_scorer
+
+            model = open_scorer(scorer, opened)
+            tasks = self._world.tasks if self._world else None
+            # A leak found here costs no game.
+            self._knowledge = LikelyLinks(model.scorer, opened.graph, tasks)
+            fields |= {"scorer": model.run.outputs["model.safetensors"], "kg": model.kg}
         self.settings = PlayedSettings(
             graph=opened.graph.name,
             graph_hash=opened.graph.hash,
@@ -226,7 +246,12 @@ class Play(ABC):
         """Begin a game as a conversation under its name, see :meth:`game`."""
         rules = self.settings
         game = self.game(task, distractor_seed)
-        talk = Conversation(game, max_invalid=rules.max_invalid, look_ups=rules.look_ups)
+        talk = Conversation(
+            game,
+            max_invalid=rules.max_invalid,
+            look_ups=rules.look_ups,
+            knowledge=self._knowledge,
+        )
         talk.name = self.name(task, distractor_seed)
         return talk
 
@@ -327,13 +352,10 @@ class DiscoveryGames(Play):
         return DiscoveryGame(self._opened.split, discovery, self.settings.attempts, distractor_seed)
 
 
-_PLAYS_IN_MEMORY = 32
-"""Opened graphs with settings: more than a mixture of depths and numbers of distractors needs."""
 # At most nine digits: a text of digits could be a number of any size.
 _SEED = re.compile("[0-9]{1,9}")
 
 
-@lru_cache(maxsize=_PLAYS_IN_MEMORY)
 def open_play(
     graph: str,
     part: TaskPart,
@@ -341,11 +363,11 @@ def open_play(
     distractors: int,
     attempts: int | None = None,
     reward: str = "sparse",
-    knowledge: LookUps = "none",
+    knowledge: KnowledgeKind = "none",
     look_ups: int = LOOK_UPS,
     **rules: Any,
 ) -> TaskGames:
-    """Open the games with these settings, once: thousands of rollouts share them.
+    """Open the games with these settings.
 
     Args:
         graph: graph folder, recipe book file, or name of a built-in book.
@@ -356,7 +378,7 @@ def open_play(
         reward: a name in :data:`~wordcraft_kg.envs.world_config.REWARDS`.
         knowledge: what can be looked up.
         look_ups: look-ups in a game.
-        rules: further fields of the played settings.
+        rules: the scorer, and further fields of the played settings.
 
     Returns:
         The games.
@@ -365,7 +387,8 @@ def open_play(
         ConfigError: for a value out of range.
         TaskError: if the graph has no task for these settings.
         RecipeFileError: if there is no such graph, or a book cannot be read.
-        ArtefactError: if a graph folder is damaged.
+        ArtefactError: if a graph folder or the scorer's folder is damaged.
+        GraphMismatchError, LeakError: for a scorer that does not fit, as :class:`Play`.
     """
     whole("depth", depth, 1, MAX_DEPTH)
     whole("distractors", distractors, 0, MAX_SIZE)

@@ -3,10 +3,12 @@
 from typing import Literal
 
 from wordcraft_kg.base import Count, Hash, Record
-from wordcraft_kg.graphs import TaskPart
+from wordcraft_kg.graphs import TaskPart, TrainedOn
 
 LookUps = Literal["none", "partial"]
 """Look-up source: nothing, or the train recipes."""
+KnowledgeKind = Literal["none", "partial", "scorer"]
+"""Look-up source outside of the benchmark: these, or a trained scorer's best links."""
 MAX_INVALID = 3
 """Consecutive invalid messages without cost: a model may correct its form, but not try for ever."""
 LOOK_UPS = 10
@@ -32,6 +34,8 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
         distractor_seeds: distractor seeds per task, or number of open-ended games.
         tasks: number of tasks, evenly spaced over the part; None for all.
         knowledge: source of look-ups.
+        scorer: hash of the weights of the scorer that answers look-ups; None without one.
+        kg: training triples of this scorer (full or partial); None without one.
         look_ups: look-ups in a game; 0 without a source.
         max_invalid: consecutive invalid messages without cost.
         prompt_hash: hash of all prompt texts, see :func:`~wordcraft_kg.envs.words.prompt_hash`.
@@ -50,7 +54,9 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
     base: tuple[str, ...] = ()
     distractor_seeds: Count = 1
     tasks: Count | None = None
-    knowledge: LookUps = "none"
+    knowledge: KnowledgeKind = "none"
+    scorer: Hash | None = None
+    kg: TrainedOn | None = None
     look_ups: Count = LOOK_UPS
     max_invalid: Count = MAX_INVALID
     prompt_hash: Hash

@@ -63,7 +63,7 @@ _DIGITS = 6
 # Declared numbers are shown in tables: the limits keep nonsense out, and columns narrow.
 MOST_DOLLARS = 1_000_000
 MOST_TOKENS = 10**12
-_Invalid = Annotated[int, msgspec.Meta(ge=0, le=1_000_000)]
+MOST_INVALID = 1_000_000
 """Invalid answers in a game.
 
 They cost nothing on an MCP server, so no rule of the game limits them.
@@ -131,7 +131,7 @@ class GameLine(Record, frozen=True, kw_only=True, omit_defaults=True):
     by_plan: bool | None = None
     known: Count | None = None
     look_ups: Count = 0
-    invalid_actions: _Invalid = 0
+    invalid_actions: Count = 0
     ended: bool = False
 
 
@@ -281,6 +281,11 @@ def _check_counts(play: Play, played: GameRecord | GameLine) -> None:
         raise EpisodeError(
             f"{counted(lost, 'attempt')} were lost with {invalid}; expected {answers_per_attempt} "
             "or more for each"
+        )
+    if played.invalid_actions > MOST_INVALID:
+        raise EpisodeError(
+            f"the game has {counted(played.invalid_actions, 'invalid answer')}; "
+            f"expected at most {MOST_INVALID:,}"
         )
 
 

@@ -382,7 +382,8 @@ class ChatServer:
                     break
             except TimeoutError:
                 failure = f"has not answered in {self._timeout:g} seconds"
-            except (URLError, HTTPException, OSError) as error:
+            except (URLError, HTTPException, OSError, ValueError) as error:
+                # A ValueError is of an address that no request can have, such as http://../v1.
                 failure = f"does not answer ({getattr(error, 'reason', error)}). Start the server"
                 break
         raise PlayerError(f"{self._address} {self._shown(failure)}.")

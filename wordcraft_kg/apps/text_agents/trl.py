@@ -16,6 +16,7 @@ game can be replayed from its row and its pairs.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from itertools import chain, product, zip_longest
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -49,6 +50,11 @@ COLUMNS = (*_SETTINGS, "split_hash", "task", "distractor_seed", "goal")
 ``goal`` the label of the entity to make.
 """
 
+_PLAYS_IN_MEMORY = 32
+"""Opened graphs with settings: more than a mixture of depths and numbers of distractors needs."""
+# Thousands of rollouts share the games.
+_shared_play = lru_cache(maxsize=_PLAYS_IN_MEMORY)(open_play)
+
 
 def begin_row(row: Mapping[str, Any]) -> Conversation:
     """Begin the game that a row of a data set names.
@@ -67,7 +73,7 @@ def begin_row(row: Mapping[str, Any]) -> Conversation:
             f"the row has no column '{missing[0]}'; expected the columns {', '.join(COLUMNS)}. "
             "Make the data set with crafting_dataset."
         )
-    play = open_play(*(row[name] for name in _SETTINGS))
+    play = _shared_play(*(row[name] for name in _SETTINGS))
     talk = play.begin(row["task"], row["distractor_seed"])
     facts = {
         "split_hash": play.settings.split_hash,
@@ -212,7 +218,9 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
     numbers = (distractors,) if isinstance(distractors, int) else distractors
     for each_depth, number in product(depths, numbers):
         num_attempts = each_depth if attempts is None else attempts
-        play = open_play(graph, part, each_depth, number, num_attempts, reward, knowledge, look_ups)
+        play = _shared_play(
+            graph, part, each_depth, number, num_attempts, reward, knowledge, look_ups
+        )
         task_numbers = chosen_tasks(play.world, tasks, difficulty).tolist()
         for task, seed in product(task_numbers, range(tables)):
             # The game is begun for its goal and first message, and begun again from the row.

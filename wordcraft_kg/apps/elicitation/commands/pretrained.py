@@ -82,7 +82,8 @@ def elicit(
 ) -> None:
     """Elicit which entities need, make or go with which from a language model's probabilities.
 
-    The model reads one short text for each entity and prompt, and generates nothing.
+    The model reads one short text for each entity and prompt, and generates nothing. The same
+    command continues an interrupted run.
 
     Args:
         model: model folder, .gguf file, or a name on the Hugging Face hub.

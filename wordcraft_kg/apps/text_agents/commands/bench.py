@@ -157,8 +157,9 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
             # A program's prompts and answers belong to the submission. Other players have none, so
             # a folder here is from the player of a submission that was replaced.
             shutil.rmtree(messages, ignore_errors=True)
-    lines = submission.result_lines(entry)
-    view = {"out": str(out), "submission": entry}
+    rank = benchmark.rank_text(benchmark_track.name, entry.figures.mean)
+    lines = [*submission.result_lines(entry), *filter(None, [rank])]
+    view = {"out": str(out), "submission": entry, "rank": rank}
     output.result(view, [*lines, f"wrote {out}/   next: wordcraft-kg bench verify {out}"])
 
 

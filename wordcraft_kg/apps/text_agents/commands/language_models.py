@@ -2,7 +2,6 @@
 
 import signal
 import sys
-from collections import Counter
 from contextlib import ExitStack
 from itertools import product
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
+from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, KnowledgeKind, LookUps
 from wordcraft_kg.base import (
     MAX_SIZE,
     ConfigError,
@@ -121,13 +120,18 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     whole("tables", tables, 1, MAX_SIZE)
     number_in("mistakes", mistakes, 0, 0.9, "a probability from 0 to 0.9")
     from wordcraft_kg.apps.text_agents import benchmark_players, plays
-    from wordcraft_kg.apps.text_agents.chats import chat_rows, recipe_scorer, write_chats
+    from wordcraft_kg.apps.text_agents.chats import (
+        chat_rows,
+        new_counts,
+        recipe_scorer,
+        write_chats,
+    )
 
     check_output_file(out, force=force)
     source = open_graph(graph)
     games = [plays.open_play(graph, "train", *kind, attempts) for kind in kinds]
     title, played_by = benchmark_players.named_player(player, source, games[0].world.tasks)
-    counts = Counter(dict.fromkeys(("played", "made", "left_out", "repeated", "written"), 0))
+    counts = new_counts()
     rows = chat_rows(
         games,
         played_by,
@@ -171,7 +175,8 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
     attempts: int | None = None,
     open_ended: Flag = False,
     base: Words = None,
-    knowledge: LookUps = "none",
+    knowledge: KnowledgeKind = "none",
+    scorer: Path | None = None,
     look_ups: int = LOOK_UPS,
     track: str | None = None,
     transport: Literal["stdio", "http"] = "stdio",
@@ -194,8 +199,9 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
         attempts: attempts in a game. Default: depth; 100 in the open-ended world.
         open_ended: discover as many entities as possible from the base, without tasks.
         base: comma-separated initial entities, with --open-ended. Default: the graph's base.
-        knowledge: look-up source: none, or partial (train recipes that do not make the goal from
-            the table).
+        knowledge: look-up source: none, partial (train recipes that do not make the goal from the
+            table) or scorer (best links by --scorer).
+        scorer: model folder, for --knowledge scorer.
         look_ups: look-ups in a game.
         track: track of the benchmark, such as craft-8-lite, instead of other games; fits with
             --knowledge only.
@@ -215,8 +221,9 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
     open_ended = open_ended or base is not None
     if open_ended and (part, depth, distractors) != ("test", 1, 8):
         raise ConfigError("--open-ended has no tasks; omit --part, --depth and --distractors.")
-    game_options = (graph, part, depth, distractors, attempts, open_ended, look_ups)
-    if track is not None and game_options != ("everyday", "test", 1, 8, None, False, LOOK_UPS):
+    game_options = (graph, part, depth, distractors, attempts, open_ended, scorer, look_ups)
+    defaults = ("everyday", "test", 1, 8, None, False, None, LOOK_UPS)
+    if track is not None and game_options != defaults:
         raise ConfigError(_OWN_GAMES)
     check_extra("mcp")
     from wordcraft_kg.apps.text_agents import benchmark, conversation, mcp_server, plays, results
@@ -231,6 +238,7 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
         rules: dict[str, Any] = {
             "max_invalid": conversation.NEVER,
             "knowledge": knowledge,
+            "scorer": scorer,
             "look_ups": look_ups,
         }
         if track is not None:
@@ -335,7 +343,8 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
     """
     whole("sessions", sessions, 1, _MOST_SESSIONS)
     number_in("idle", idle, 1, _LONGEST_IDLE, f"seconds, 1 to {_LONGEST_IDLE:,.0f}")
-    parts = list(dict.fromkeys(split_labels(part or ["train"])))
+    # `open_play` checks the names.
+    parts: list[Any] = list(dict.fromkeys(split_labels(part or ["train"])))
     kinds = _kinds_of_games(depth, distractors)
     game_options = (graph, part, depth, distractors, attempts, difficulty, reward, look_ups)
     if track is not None and game_options != (

@@ -51,7 +51,11 @@ def converse(talk: "Conversation", stream: TextIO) -> None:
     """
     while not talk.is_over:
         print("> ", end="", file=stream, flush=True)
-        typed = input().strip()
+        # Without a console, Python may have no stdin at all.
+        line = sys.stdin.readline() if sys.stdin else ""
+        if not line:
+            raise EOFError
+        typed = line.strip()
         if not sys.stdin.isatty():
             say(stream, typed)  # a terminal has shown the line already
         if typed.casefold() in ("q", "quit"):
@@ -109,6 +113,8 @@ def play(  # noqa: PLR0913 - parameters are the command's options
             raise ConfigError("--browser and --export have their own tasks: leave out the options.")
         _play_page(graph, export, browser, host, port, force, output)
         return
+    if (host, port) != ("127.0.0.1", 8767):
+        raise ConfigError("--host and --port are for a server; add --browser.")
     if open_ended and has_task_options:
         raise ConfigError("--open-ended has no tasks; the only option is attempts.")
     if seed is None:

@@ -99,7 +99,7 @@ def test_a_run_s_own_settings_reproduce_it(world, tmp_path):
 
 
 SLOW_CHOICES = [
-    ("--features one-hot", {"value_readout": "logits", "unroll": 4}),
+    ("--features one-hot", {"value_readout": "logits", "policy_lag": 1, "unroll": 4}),
     ("--features random --depth 2 --max-attempts 3 --reward official", {"pooling": "max"}),
     ("--features shuffled:glove", {"task_weighting": "goal"}),
     ("--scorer {scorer} --kg-only --use v --mixing softmax", {"scale": "ranks"}),

@@ -174,7 +174,8 @@ class Checkpoints(Generic[P]):
             return checkpoint
         if damaged:
             raise ArtefactError(
-                f"all checkpoints of '{self.run_folder}' are damaged: {damaged[0]} Train again."
+                f"all checkpoints of '{self.run_folder}' are damaged, or another version of "
+                f"wordcraft-kg wrote them: {damaged[0]} Train again."
             )
         state = "is still running, and " if is_locked(self.run_folder) else ""
         raise ArtefactError(

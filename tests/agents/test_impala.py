@@ -113,6 +113,7 @@ class SlowImpala:
         self.config, self.nothing = impala.config, impala.envs.nothing
         world = World(open_graph("kitchen"), impala.envs.world.config)
         self.envs = BatchEngine(world, impala.envs.num_envs).reset(3)
+        self.actors = []
         self.updates = 0
         self.squares = [torch.zeros_like(parameter) for parameter in self.policy.parameters()]
 
@@ -166,13 +167,14 @@ class SlowImpala:
         """Learn from the steps that these actions make; return what should be logged, and the
         clipped gradient."""
         config = self.config
+        self.actors = [*self.actors, copy.deepcopy(self.policy)][-1 - config.policy_lag :]
         states, rewards, over, won = self.play(actions)
         time, batch = rewards.shape
         seen = [[self.look(self.policy, state) for state in row] for row in states]
         chosen = [[seen[t][b][0][int(actions[t, b])] for b in range(batch)] for t in range(time)]
         log_rhos = np.zeros((time, batch))
         for t, b in itertools.product(range(time), range(batch)):
-            behaviour = self.look(self.policy, states[t][b])[0][int(actions[t, b])]
+            behaviour = self.look(self.actors[0], states[t][b])[0][int(actions[t, b])]
             log_rhos[t, b] = (chosen[t][b] - behaviour).item()
         values = np.array([[seen[t][b][1].item() for b in range(batch)] for t in range(time + 1)])
         discounts = config.discount * (1 - over.astype(float))
@@ -235,8 +237,8 @@ class SlowImpala:
         (1, 1, {}),
         pytest.param(1, 2, {"discount": 0.7}, marks=pytest.mark.slow),
         pytest.param(1, 3, {"entropy_cost": 0.3, "baseline_cost": 1.5}, marks=pytest.mark.slow),
-        pytest.param(2, 1, {}, marks=pytest.mark.slow),
-        (2, 2, {"rms_decay": 0.8, "clip": 2.0}),
+        pytest.param(2, 1, {"policy_lag": 1}, marks=pytest.mark.slow),
+        (2, 2, {"rms_decay": 0.8, "clip": 2.0, "policy_lag": 2}),
         pytest.param(2, 3, {"policy": {"policy": "mlp"}}, marks=pytest.mark.slow),
         pytest.param(
             2,
@@ -244,23 +246,25 @@ class SlowImpala:
             {"policy": {"value_readout": "logits"}, "policy_lag": 2},
             marks=pytest.mark.slow,
         ),
-        (2, 3, {"scorer": "frequency"}),
+        (2, 3, {"scorer": "frequency", "policy_lag": 1}),
         pytest.param(
             2,
             3,
-            {"scorer": "frequency", "policy": {"mixing": "residual"}},
+            {"scorer": "frequency", "policy": {"mixing": "residual"}, "policy_lag": 1},
             marks=pytest.mark.slow,
         ),
         pytest.param(
             1,
             3,
-            {"scorer": "cross-fitted", "policy": {"use": "u,v,w"}},
+            {"scorer": "cross-fitted", "policy": {"use": "u,v,w"}, "policy_lag": 1},
             marks=pytest.mark.slow,
         ),
         pytest.param(
             2, 3, {"scorer": "cross-fitted", "policy": {"use": "w"}}, marks=pytest.mark.slow
         ),
-        pytest.param(2, 3, {"policy": {"sees_attempts": True}}, marks=pytest.mark.slow),
+        pytest.param(
+            2, 3, {"policy": {"sees_attempts": True}, "policy_lag": 1}, marks=pytest.mark.slow
+        ),
         pytest.param(
             2,
             3,
@@ -272,7 +276,7 @@ class SlowImpala:
 def test_updates_are_those_of_the_formulas_written_out(
     trainer, scorer, cross_fitted, depth, unroll, settings
 ):
-    updates = 4
+    updates = 4  # two more than the largest lag
     scorers = {"frequency": scorer, "cross-fitted": cross_fitted}
     settings = settings | {"scorer": scorers.get(settings.get("scorer"))}
     impala = trainer(depth=depth, unroll=unroll, steps=(updates + 1) * BATCH * unroll, **settings)
@@ -312,7 +316,10 @@ def test_updates_are_those_of_the_formulas_written_out(
     )
     assert figures["success"] == pytest.approx(sum(row["won"] for row in logged) / over.sum())
     ratios = logged[-1]["ratios"]
-    assert np.abs(ratios - 1).max() < 1e-4
+    assert figures["ratio_mean"] == pytest.approx(ratios.mean(), rel=1e-3)
+    assert figures["ratio_max"] == pytest.approx(ratios.max(), rel=1e-3)
+    assert figures["ratio_clipped"] == pytest.approx((ratios > 1 + 1e-5).mean())
+    assert (np.abs(ratios - 1).mean() > 1e-4) == (impala.config.policy_lag > 0)
     for pick, rows in logged[-1]["lambdas"].items():
         for i, source in enumerate(label.name for label in impala.policy.labels):
             expected = torch.cat(rows)[:, i].mean().item()
@@ -417,7 +424,7 @@ def test_a_second_thread_changes_no_bit(trainer, cross_fitted, depth, unroll, us
 
 @pytest.mark.parametrize(
     ("depth", "unroll", "settings"),
-    [(1, 2, {}), pytest.param(2, 3, {}, marks=pytest.mark.slow)],
+    [(1, 2, {}), pytest.param(2, 3, {"policy_lag": 2}, marks=pytest.mark.slow)],
 )
 def test_torch_environments_train_the_same_as_numpy_ones(trainer, depth, unroll, settings):
     one, other = (
@@ -445,14 +452,22 @@ def test_the_last_update_has_almost_no_rate_and_there_is_none_after_it(trainer):
     assert moves[10] == moves[11] == 0
 
 
+RESTORED = ((2, True, 7),)
+
+
 @pytest.mark.parametrize(
-    ("guided", "updates"),
-    [(True, 7), pytest.param(False, 7, marks=SLOW), pytest.param(False, 0, marks=SLOW)],
+    ("lag", "guided", "updates"),
+    [
+        pytest.param(lag, *learned, marks=[] if (lag, *learned) in RESTORED else SLOW)
+        for lag in (0, 2)
+        for learned in ((False, 7), (True, 7), (False, 0))
+    ],
 )
-def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, guided, updates):
+def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, lag, guided, updates):
     settings = {
         "depth": 2,
         "unroll": 3,
+        "policy_lag": lag,
         "scorer": scorer if guided else None,
     }
     one = trainer(**settings)
@@ -476,7 +491,7 @@ def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, guided, updates
     assert one.take_metrics() == other.take_metrics()
 
 
-def test_weights_hold_no_parameter_twice(trainer):
+def test_a_lagging_actor_keeps_no_parameter_twice(trainer):
     """Weights that are computed stand for the parameters of vectors and attention."""
     impala = trainer(policy={"features": "random"})
     weights = impala.policy.weights()
@@ -544,14 +559,15 @@ def test_a_parameter_that_is_no_number_stops_the_training(trainer, value):
 
 
 @pytest.mark.slow
-def test_a_tiny_world_is_learned_within_two_hundred_updates():
+@pytest.mark.parametrize("lag", [0, 3])
+def test_a_tiny_world_is_learned_within_two_hundred_updates(lag):
     rows = ["abe", "acf", "bdg", "cdh", "adi", "bcj"]
     graph = RecipeGraph.from_recipes([tuple(row) for row in rows])
     world = World.open(graph, WordCraftConfig(part="all", num_distractors=2))
     engine = BatchEngine(world, 16)
     settings = PolicyConfig(features="one-hot", key_size=16, value_size=16)
     policy, _ = make_policy(settings, graph, engine.num_slots)
-    config = ImpalaConfig(steps=200 * 32, batch_size=16, learning_rate=0.02)
+    config = ImpalaConfig(steps=200 * 32, batch_size=16, learning_rate=0.02, policy_lag=lag)
     impala = Impala(policy, engine.reset(1), config)
     early = metrics_after(impala, 20)
     metrics_after(impala, 150)

@@ -67,6 +67,7 @@ LIMITS = {
     ImpalaConfig: {
         "unroll": MAX_SIZE,
         "batch_size": MAX_SIZE,
+        "policy_lag": MAX_SIZE,
         "threads": 1_024,
     },
 }

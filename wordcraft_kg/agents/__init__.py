@@ -7,8 +7,9 @@ the settings, ``states`` turns environment states into tensors. ``evaluation`` p
 ``recipe_discovery`` play the open-ended game; ``sb3`` trains our policies by Stable-Baselines3.
 
 Values that depend only on parameters are computed once per update (``Policy.weights``) for actor
-and learner. A cross-fitted scorer has a model for each fold of the train recipes; on train tasks,
-the task index selects the model (``states``).
+and learner. With policy lag k, the actor uses the values from k updates ago, without a second
+network. A cross-fitted scorer has a model for each fold of the train recipes; on train tasks, the
+task index selects the model (``states``).
 
 Free to change: how an update computes its loss, as long as the tests against a slow reference pass
 and published results are made again (``VERSIONS`` in ``studies/plan.py``). Not free: field names in

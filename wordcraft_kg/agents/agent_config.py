@@ -33,6 +33,7 @@ _WHOLE_NUMBERS: Mapping[str, tuple[int, int | None]] = {
     "steps": (1, None),
     "batch_size": (1, MAX_SIZE),
     "unroll": (1, MAX_SIZE),
+    "policy_lag": (0, MAX_SIZE),
     "tables": (0, MAX_SIZE),
     "seed": (0, None),
     "threads": (1, MAX_THREADS),
@@ -159,6 +160,8 @@ class ImpalaConfig:
             with several attempts; 128 in the paper.
         unroll: steps per environment and update. Default: an episode's actions (two for each
             attempt); 2 in the paper.
+        policy_lag: delay between acting and learning policy, in updates; 0 makes all importance
+            ratios 1.
         discount: γ; 0.99 in the paper.
         learning_rate: initial RMSProp learning rate, decayed linearly to 0. Default: 0.008, or
             0.005 with several attempts; 0.001 in the paper.
@@ -200,6 +203,7 @@ class ImpalaConfig:
     steps: int = 3_000_000
     batch_size: int | None = None
     unroll: int | None = None
+    policy_lag: int = 0
     discount: float = 0.99
     learning_rate: float | None = None
     rms_decay: float = 0.99

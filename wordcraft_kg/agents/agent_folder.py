@@ -124,14 +124,20 @@ class OpenedAgent(AgentRun):
     def trained_on(self) -> NDArray[np.bool_]:
         """Recipes that the scorer was trained on, shape (num_recipes,).
 
-        If the scorer's folder has moved or changed, all recipes of the recorded kind, such as all
-        train recipes, of which the training may have had a sample.
+        If the scorer's folder has moved or changed, with a warning all recipes of the recorded
+        kind, such as all train recipes, of which the training may have had a sample.
         """
         if self.config.scorer is not None:
             with suppress(WordCraftKGError):
                 model = open_model(self.config.scorer, self.opened.source)
                 if model.run.outputs[WEIGHTS] == self.run.inputs.get("scorer"):
                     return model.train_sample.is_trained_on & ~model.train_sample.is_wrong
+            logging.getLogger(__name__).warning(
+                "the scorer's folder '%s' has moved or changed: recipes count as in-sample by the "
+                "record of the run (knowledge graph: %s), even if the scorer had a sample of them.",
+                self.config.scorer,
+                self.run.kg,
+            )
         return self.opened.train_sample(self.run.kg or "none").is_trained_on
 
 

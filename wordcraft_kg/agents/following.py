@@ -52,7 +52,7 @@ class FollowedRun:
         self._lock = threading.RLock()
         # Each keeps what was made last, as long as its stamp is the same.
         self._records = lru_cache(1)(lambda *stamp: read_agent_run(folder))
-        self._agent = lru_cache(1)(lambda *stamp: open_agent(folder, opened))
+        self._agent = lru_cache(1)(self._opened)
         self._episodes = lru_cache(1)(
             lambda *stamp: {
                 (task.part, task.goal, task.start): task for task in read_episodes(folder)
@@ -80,6 +80,11 @@ class FollowedRun:
         # Weights change with a checkpoint, or with the record at the end of training.
         with self._lock:
             return self._agent(*self._stamp(RUN_FILE), *AGENTS.checkpoints(self.folder).records())
+
+    def _opened(self, *stamp: Hashable) -> OpenedAgent:
+        # Explainers of earlier weights: each holds an agent, of gigabytes for a large graph.
+        self._explainer.cache_clear()
+        return open_agent(self.folder, self.opened)
 
     def explainer(self, world: World) -> Explainer:
         """Return an explainer for the latest weights, for :data:`MAX_ACTIONS` of an episode.

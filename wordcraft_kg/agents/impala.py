@@ -1,7 +1,8 @@
 """IMPALA on the batched environment: actor and learner take turns in one process and on one device.
 
-The actor collects experience, the learner updates the parameters. Both have the same weights, so
-that the importance ratios of V-trace are 1 but for rounding.
+The actor collects experience, the learner updates the parameters. With ``policy_lag`` k, the actor
+uses the weights from k updates ago, like actors in a distributed IMPALA, and V-trace corrects for
+the difference. Without a lag, the importance ratios of V-trace are 1 but for rounding.
 
 Read :meth:`Impala.update` first: an update is an unroll, a loss and an optimiser step. Below, T is
 the number of choices in an unroll, B of environments, A of slots, C of choices in a state, S of
@@ -10,6 +11,7 @@ steps. The order of operations is part of the results: tests compare whole train
 """
 
 import math
+from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -27,8 +29,8 @@ from wordcraft_kg.agents.losses import (
     v_trace,
 )
 from wordcraft_kg.agents.states import bind_tasks, states_of
-from wordcraft_kg.base import ConfigError, TrainingError
-from wordcraft_kg.base.tensors import as_tensor, copied
+from wordcraft_kg.base import ConfigError, TrainingError, check_memory
+from wordcraft_kg.base.tensors import as_tensor, copied, with_prefix
 from wordcraft_kg.envs.batch import GOAL, State
 from wordcraft_kg.models.policies.policy import Policy, Weights, log_policy
 from wordcraft_kg.models.policies.sources import W
@@ -58,7 +60,7 @@ class _Unroll(NamedTuple):
         remembered: shape (T, B, C), bool: choices that lead to remembered pairs; None without a
             memory.
         actions: shape (T, B), int64: choices.
-        log_probs: shape (T, B): log-probabilities of the choices.
+        log_probs: shape (T, B): log-probabilities of the choices under the acting policy.
         rewards: shape (T, B).
         discounts: shape (T, B): γ for each environment step, or 0 where the episode ended.
         over: shape (T, B), bool: the episode ended.
@@ -103,7 +105,8 @@ class Impala:
             config: settings of the trainer.
 
         Raises:
-            ConfigError: if ``config.unroll`` ends within an attempt and the policy chooses pairs.
+            ConfigError: if ``config.policy_lag`` policies do not fit into memory, or if
+                ``config.unroll`` ends within an attempt and the policy chooses pairs.
         """
         config = config.for_episodes(2 * envs.world.config.attempts)
         self._time, remainder = divmod(config.unroll_steps, policy.steps_per_choice)
@@ -130,6 +133,9 @@ class Impala:
         optimizer_state = self.optimizer.state[self._flat]
         optimizer_state["step"] = torch.tensor(0.0)  # counted on the CPU
         optimizer_state["square_avg"] = torch.zeros_like(self._flat)
+        # Bytes of float32; a short training never keeps more policies than it has updates.
+        num_bytes = 4 * len(self._flat) * min(config.policy_lag, config.updates)
+        check_memory("policy_lag", config.policy_lag, "that many policies", num_bytes)
         # A choice never needs the slots that are free for the results of the last attempt.
         self._slots = envs.engine.num_slots
         # The action to combine is the last slot, and stays.
@@ -137,6 +143,8 @@ class Impala:
             self._slots -= envs.world.max_results
         self.successes = Successes(policy.num_entities, self.device)
         self._generator = torch.Generator(self.device).manual_seed(config.seed)
+        # The newest snapshot is the learner's; with lag k the oldest is from k updates ago.
+        self._snapshots: deque[Weights] = deque(maxlen=config.policy_lag + 1)
         by_lists = [part for part in policy.modules() if isinstance(part, RecipeKnowledge)]
         for knowledge in by_lists:
             knowledge.workers = config.threads
@@ -145,6 +153,8 @@ class Impala:
         self.threads = 1 if by_lists else config.threads
         # Sums stay on the device, in float64 so that many small terms do not vanish.
         self._sums = torch.zeros(len(METRICS), dtype=torch.float64, device=self.device)
+        # Of the last update: log-ratios of the learning and the acting policy, shape (T, B).
+        self._log_rhos: Tensor | None = None
         # Mixing weights in the last update, shape (T · B, S or S + 1); no columns without sources.
         self._lambdas: Tensor | None = None
 
@@ -192,10 +202,10 @@ class Impala:
         bind_tasks([self.policy], self.envs.world)
         # What depends on parameters only is computed once, for the actor and the learner.
         weights = self.policy.weights(self._generator)
-        self._unroll = self._collect(weights)
+        self._unroll = self._collect(self._acting(weights))
         # Gradients flow through `weights` into the views of the flat gradient.
         self._gradient.zero_()
-        losses, self._lambdas = self._losses(weights)
+        losses, self._log_rhos, self._lambdas = self._losses(weights)
         losses[0].backward()
 
         # Clip the norm of all gradients together, as `clip_grad_norm_` does.
@@ -220,15 +230,29 @@ class Impala:
         terms.append(torch.ones((), device=self.device))  # one update
         self._sums += torch.stack(terms)
 
+    def _acting(self, weights: Weights) -> Weights:
+        """Return the actor's weights: the learner's, or with a lag those of an earlier update."""
+        if not self.config.policy_lag:
+            return weights
+        # Contiguous, as in a checkpoint: products with a transposed tensor round differently, and a
+        # resumed training would end with other bits.
+        layout = torch.contiguous_format
+        snapshot = {
+            name: tensor.detach().clone(memory_format=layout) for name, tensor in weights.items()
+        }
+        self._snapshots.append(snapshot)
+        return self._snapshots[0]
+
     def take_metrics(self) -> dict[str, float | None]:
         """Return training metrics since the last call, by name, and reset the sums.
 
         Losses are batch sums, averaged over updates; ``entropy`` is a mean over steps; ``return``
         and ``success`` are means over finished episodes, None without finished episodes.
 
-        ``lambda_<source>_first`` and ``lambda_<source>_second`` describe the last update only: mean
-        mixing weights for the first and second selection in an attempt; a source is ``alpha``
-        (attention) or a knowledge graph score.
+        Two kinds describe the last update only. ``lambda_<source>_first`` and
+        ``lambda_<source>_second`` are mean mixing weights for the first and second selection in an
+        attempt; a source is ``alpha`` (attention) or a knowledge graph score. ``ratio_mean``,
+        ``ratio_max`` and ``ratio_clipped`` (share above 1) describe importance ratios π/μ.
 
         Raises:
             TrainingError: if the loss was not finite.
@@ -243,8 +267,14 @@ class Impala:
         episodes = sums["episodes"]
         metrics["return"] = sums["rewards"] / episodes if episodes else None
         metrics["success"] = sums["successes"] / episodes if episodes else None
-        if self._lambdas is None:
+        if self._log_rhos is None or self._lambdas is None:
             return metrics
+        ratios = self._log_rhos.exp()
+        metrics["ratio_mean"] = ratios.mean().item()
+        metrics["ratio_max"] = ratios.max().item()
+        # A margin for ratios that are 1 but for rounding.
+        is_clipped = ratios > 1 + 1e-5
+        metrics["ratio_clipped"] = is_clipped.float().mean().item()
         # Without the states after the last step, in the order of the rows of the weights.
         states = self._unroll.states.of(slice(-1)).flattened()
         is_first = states.num_selected(self.policy.num_entities) == 0
@@ -261,8 +291,8 @@ class Impala:
         """Return the complete training state by name; :meth:`restore` continues bit for bit.
 
         Returns:
-            Contiguous copies on the CPU: parameters, optimiser, environments, sums of the metrics,
-            memory of successes, generator and number of updates.
+            Contiguous copies on the CPU: parameters, optimiser, environments, the actor's earlier
+            weights, sums of the metrics, memory of successes, generator and number of updates.
 
         Raises:
             TrainingError: if a parameter is not finite, which updates on a device do not check.
@@ -272,6 +302,8 @@ class Impala:
         tensors = self._changed_in_place()
         engine = self.envs.saved().items()
         tensors |= {f"engine.{name}": torch.from_numpy(array) for name, array in engine}
+        for number, snapshot in enumerate(self._snapshots):
+            tensors |= {f"snapshot.{number}.{name}": part for name, part in snapshot.items()}
         tensors["successes"] = self.successes.keys
         tensors["generator"] = self._generator.get_state()
         tensors["update"] = torch.tensor(self.update_number)
@@ -307,6 +339,13 @@ class Impala:
         self.successes.keys = state["successes"].to(self.device, copy=True)
         self._generator.set_state(state["generator"])
         self.update_number = int(state["update"])
+        self._snapshots.clear()
+        num_snapshots = min(self.update_number, self.config.policy_lag + 1)
+        for number in range(num_snapshots if self.config.policy_lag else 0):
+            snapshot = with_prefix(state, f"snapshot.{number}.")
+            self._snapshots.append(
+                {name: part.to(self.device, copy=True) for name, part in snapshot.items()}
+            )
 
     # --- acting -----------------------------------------------------------------------------------
 
@@ -409,15 +448,16 @@ class Impala:
 
     # --- learning ---------------------------------------------------------------------------------
 
-    def _losses(self, weights: Weights) -> tuple[list[Tensor], Tensor]:
-        """Return the losses of the last unroll, and the mixing weights for the metrics.
+    def _losses(self, weights: Weights) -> tuple[list[Tensor], Tensor, Tensor]:
+        """Return the losses of the last unroll, and values for the metrics.
 
         Args:
             weights: weights of the learning policy, with gradients.
 
         Returns:
-            The loss and its parts, shape () each, the first of :data:`LOSSES`; and the mixing
-            weights, shape (T · B, S or S + 1), without gradients.
+            The loss and its parts, shape () each, the first of :data:`LOSSES`; and without
+            gradients, the log-ratios of the learning and the acting policy, shape (T, B), and the
+            mixing weights, shape (T · B, S or S + 1).
         """
         config = self.config
         unroll = self._unroll
@@ -475,7 +515,7 @@ class Impala:
             loss = loss + self._scorer_cost * divergence(log_policies, scorer_policy)
 
         lambdas = loss.new_zeros(acted, 0) if output.lambdas is None else output.lambdas[:acted]
-        return [loss, policy_loss, value_loss, entropy], lambdas.detach()
+        return [loss, policy_loss, value_loss, entropy], log_rhos, lambdas.detach()
 
     def _not_finite(self) -> str:
         first = self.update_number * self.config.steps_per_update

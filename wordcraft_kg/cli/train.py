@@ -96,6 +96,7 @@ FILE_ONLY = {
         "--pair-size",
         "--pays-held-out",
         "--plan-width",
+        "--policy-lag",
         "--pooling",
         "--rms-decay",
         "--rms-epsilon",

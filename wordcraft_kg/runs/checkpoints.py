@@ -173,7 +173,8 @@ class Checkpoints(Generic[P]):
             return checkpoint
         if damaged:
             raise ArtefactError(
-                f"all checkpoints of '{self.run_folder}' are damaged: {damaged[0]} Train again."
+                f"all checkpoints of '{self.run_folder}' are damaged, or another version of "
+                f"wordcraft-kg wrote them: {damaged[0]} Train again."
             )
         raise ArtefactError(
             f"'{self.run_folder}' has no checkpoint yet. Wait, or train again with `force`."

@@ -290,7 +290,7 @@ class Policy(nn.Module):
         """Return tensors computed from parameters only, which :meth:`forward` calls can share.
 
         By default ``vectors``, see :class:`EntityVectors`, and by their names all parameters that
-        no other weights are computed from.
+        no other weights are computed from: an actor that lags behind the learner keeps copies.
 
         Args:
             generator: draws the noise with which a policy may train; None for none.
@@ -361,7 +361,7 @@ class Policy(nn.Module):
         Args:
             states: states of B episodes; only goal, selection and table are read, and attempts by
                 a policy with ``sees_attempts``.
-            weights: result of :meth:`weights`.
+            weights: result of :meth:`weights`, perhaps of an earlier update.
             external_scores: scores of the sources, (B, S, C); None without sources.
 
         Raises:

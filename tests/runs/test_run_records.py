@@ -427,7 +427,8 @@ class Light:
         if self.how == "is killed":
             os.kill(os.getpid(), 9)
         if self.how == "takes long":
-            time.sleep(60)
+            # Longer than any load delays the end of the others.
+            time.sleep(600)
         if self.how != "works":
             raise (
                 ConfigError("`dim` 0")
@@ -460,7 +461,7 @@ def test_an_error_and_the_death_of_a_process_are_told_and_end_the_others(how, ki
     began = time.monotonic()
     with pytest.raises(kind, match=said):
         train_in_processes([Light(0, how), Light(1, "takes long")], 2, lambda *_: None)
-    assert time.monotonic() - began < 30
+    assert time.monotonic() - began < 300
 
 
 def test_an_interruption_ends_the_processes_at_once():
@@ -474,4 +475,4 @@ def test_an_interruption_ends_the_processes_at_once():
 
     with pytest.raises(KeyboardInterrupt):
         train_in_processes([Light(0, "takes long"), Light(1, "takes long")], 2, press)
-    assert time.monotonic() - began < 30
+    assert time.monotonic() - began < 300

@@ -246,7 +246,7 @@ def score(
             a missing tail is; or a recipe such as a + b = c. Quote labels with blanks or signs, and
             'a + b -> c'. If an entity is called _ (or ?), write ? (or _) for the open slot.
         top: entities to list for an open slot.
-        new_only: leave known triples or recipes out of the list for an open slot.
+        new_only: leave out known triples or recipes.
         queries: CSV or TSV file with head, relation and tail, or with the header
             ingredient_a,ingredient_b,result; an empty cell or _ is an open slot.
         out: CSV or TSV file for the scores of --in. Default: print the scores.
@@ -282,6 +282,8 @@ def score(
     entities = frozenset(loaded.scorer.entities)
     if queries is None:
         query_list = [parse_query(words, entities)]
+        if new_only and not query_list[0].is_open:
+            raise ConfigError("`new_only` filters a ranking; leave a slot open.")
     else:
         query_list = read_queries(queries, entities)
     outside = OutsideEvidenceFinder.open(model, loaded.opened)
@@ -313,6 +315,8 @@ def _scored_set(
 
     entities = frozenset(model.opened.graph.entities)
     ingredients, result, size = parse_set(words, entities)
+    if ingredients and new_only:
+        raise ConfigError("`new_only` filters a ranking; leave a slot open.")
     if ingredients:
         view = score_set(model, ingredients, result)
     else:

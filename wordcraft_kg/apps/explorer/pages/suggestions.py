@@ -60,7 +60,7 @@ def _view(explored: Explored, state: SuggestionsState) -> SuggestionsProfile:
     is_for_book = not (state.goal or state.item)
     # The form stays for another wish.
     try:
-        # Those for a large book take seconds, and any visitor may ask again.
+        # 0.3 s for everyday, and more for larger books; any visitor may ask again.
         answer = explored.once(("suggestions", predictor.name), make) if is_for_book else make()
     except ConfigError as error:
         fault = str(error)

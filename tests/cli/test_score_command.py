@@ -447,7 +447,7 @@ def test_results_of_a_pair_are_ranked_marked_and_explained(printed, run, recipes
 
 @pytest.mark.parametrize(("part", "in_sample"), [("train", True), ("test", False)])
 def test_a_recipe_has_a_score_and_ranks_and_in_sample_is_only_its_training(
-    printed, run, recipes_folder, scorer, part, in_sample
+    printed, run, refused, recipes_folder, scorer, part, in_sample
 ):
     a, b, result = in_part(part)
     command = ("score", recipes_folder, b, "+", a, "=", result)
@@ -464,6 +464,7 @@ def test_a_recipe_has_a_score_and_ranks_and_in_sample_is_only_its_training(
         ties = int((scores - score).abs().lt(1e-3).sum()) - 1
         assert abs(values["ranks"][rank] - 1 - int((scores > score + 1e-4).sum())) <= ties
     assert (NOTE in run(*command).out) == in_sample
+    refused(*command, "--new-only", says="leave a slot open", kind="ConfigError")
 
 
 @pytest.mark.parametrize(

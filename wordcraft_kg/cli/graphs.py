@@ -203,7 +203,8 @@ def _text_of_check(view: CheckedBook) -> Iterator[str]:
         counts[kind] += 1
         if counts[kind] <= _MOST_FINDINGS:
             # A finding about the whole file has no lines.
-            where = f"line {', '.join(map(str, finding.lines))}: " if finding.lines else ""
+            noun = "line" if len(finding.lines) == 1 else "lines"
+            where = f"{noun} {', '.join(map(str, finding.lines))}: " if finding.lines else ""
             yield f"{kind} {where}{with_options(finding.message)}"
     # Kinds that were cut say so after all findings, where the eye ends.
     for kind, number in counts.items():

@@ -254,7 +254,7 @@ def score(
             a missing tail is; or a recipe such as a + b = c. Quote labels with blanks or signs, and
             'a + b -> c'. If an entity is called _ (or ?), write ? (or _) for the open slot.
         top: entities to list for an open slot.
-        new_only: leave known triples or recipes out of the list for an open slot.
+        new_only: leave out known triples or recipes.
         queries: CSV or TSV file with head, relation and tail, or with the header
             ingredient_a,ingredient_b,result; an empty cell or _ is an open slot.
         out: CSV or TSV file for the scores of --in. Default: print the scores.

@@ -99,6 +99,13 @@ def test_a_scorer_of_links_says_only_whether_a_pair_combines(kernel, explored):
     assert "Results, if the pair combines" in texts[1]
 
 
+def test_suggestions_for_the_book_are_made_once(explored):
+    page = PAGES["suggestions"]
+    first, again = (page.view(explored, page.state(model="kitchen-recipes")) for _ in range(2))
+    assert first.answer.suggestions
+    assert first.answer is again.answer
+
+
 def test_a_book_without_a_split_has_pages_too(of_recipes):
     predictor = of_recipes(
         [("a", "b", "c"), ("b", "a", "d"), ("b", "c", "d"), ("a", "d", "e")], kind="none"

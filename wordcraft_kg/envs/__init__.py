@@ -36,5 +36,10 @@ def register() -> None:
         vector_entry_point="wordcraft_kg.envs.wordcraft:WordCraftVectorEnv",
         kwargs=default,
     )
+    register(
+        "WordCraft-OpenEnded-v0",
+        "wordcraft_kg.envs.open_ended:OpenEndedEnv",
+        kwargs=default,
+    )
     for point in entry_points(group="wordcraft_kg.environments"):
         register(point.name, point.value, kwargs=default)

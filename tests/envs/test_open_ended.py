@@ -101,6 +101,7 @@ def test_every_step_equals_a_slow_reading_of_the_book(kitchen, pairs):
         [0, -1],
         [0, GRAPH.num_entities],
         [0.0, 1.0],
+        [[0], [0, 1]],
         ["fire", "water"],
         3,
         None,

@@ -1,5 +1,6 @@
 """The open-ended environment: discover entities, with limited attempts and without a goal."""
 
+import operator
 from collections.abc import Iterable
 from typing import Any
 
@@ -203,11 +204,13 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         """
         if self._outcome != "in_progress":
             raise EpisodeError("no episode is running; call reset() before step().")
-        pair = np.asarray(action)
-        if not self.action_space.contains(pair):
-            last_id = self.graph.num_entities - 1
-            raise ActionError(f"action {action!r}: expected two entity ids, 0 to {last_id}.")
-        first, second = pair.tolist()
+        ids = range(self.graph.num_entities)
+        try:
+            first, second = map(operator.index, action)
+        except (TypeError, ValueError):  # not two, or no whole numbers
+            first = second = -1
+        if first not in ids or second not in ids:
+            raise ActionError(f"action {action!r}: expected two entity ids, 0 to {ids[-1]}.")
         is_legal = {first, second} <= self.discovery.known.keys()
         new: tuple[int, ...] = ()
         repeated = False

@@ -9,7 +9,7 @@ other settings with ``world.variant(part="test")``. Rewards and results of the p
 from train recipes alone.
 
 ``open_ended`` is the game without a goal, ``words`` the games as text. Observations are ids and
-masks; ``wrappers`` adds the number of the task.
+masks; ``wrappers`` add scores.
 
 Free to change: how ``batch`` computes, as long as the reference in the tests agrees and its speed
 stays. Not free: what an episode with a given seed, environment and number looks like (``draws``),

@@ -27,7 +27,7 @@ from wordcraft_kg.agents.recipe_discovery import (
     PRIOR,
     RecipeDiscoverer,
 )
-from wordcraft_kg.envs.open_ended import Discovery
+from wordcraft_kg.envs.open_ended import Discovery, OpenEndedEnv
 from wordcraft_kg.evaluation import discovery
 from wordcraft_kg.evaluation.discovery import open_guide, view_discovery
 from wordcraft_kg.graphs import Recipe, RecipeGraph
@@ -76,19 +76,25 @@ def test_nearest_words_tries_the_most_similar_untried_pair(kitchen, recipes_fold
 
 
 @pytest.mark.parametrize("name", PLAYERS)
-def test_a_player_repeats_no_pair(kitchen, curves, name):
+def test_a_player_in_the_environment_has_the_same_curve(kitchen, curves, name):
+    """A player in the environment draws the same curve, is never illegal and repeats no pair."""
     player = everybody(kitchen)[name]
-    game = Discovery(kitchen)
-    player.begin(game.base, np.random.default_rng([0, 0]))
-    for known in curves[name][0].tolist()[1:]:
-        if game.is_complete:
-            break
-        pair = player.choose()
-        new, is_repeated = game.combine(*pair)
-        player.observe(pair, new)
-        assert not is_repeated
-        assert len(game.known) == known
-        assert set(player.known) == set(game.known)
+    env = OpenEndedEnv(kitchen, max_attempts=ATTEMPTS)
+    for run in range(3):
+        _, info = env.reset()
+        player.begin(kitchen.base_ids.tolist(), np.random.default_rng([0, run]))
+        seen, terminated = [info["known"]], False
+        while not terminated:
+            pair = player.choose()
+            observation, _, terminated, _, info = env.step(pair)
+            player.observe(pair, info["new_entities"])
+            seen.append(info["known"])
+            assert not info["repeated"]
+            assert not info["illegal_action"]
+            assert set(player.known) == set(np.flatnonzero(observation["known"]).tolist())
+        curve = curves[name][run]
+        assert seen == curve.tolist()[: len(seen)]
+        assert (curve[len(seen) :] == info["known"]).all()
 
 
 def test_a_curve_depends_on_the_seed_and_not_on_who_else_plays(kitchen, curves):

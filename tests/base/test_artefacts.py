@@ -200,9 +200,18 @@ def test_an_output_through_links_replaces_the_end_and_keeps_the_links(tmp_path, 
     assert [path.name for path in (tmp_path / "disk").iterdir()] == ["far"]
 
 
+def refuse_link(source, target):
+    """Link as on a file system without hard links."""
+    raise PermissionError
+
+
+@pytest.mark.parametrize("link", [os.link, refuse_link])
 @pytest.mark.parametrize("write", [to_a_folder, to_a_file])
-def test_of_two_outputs_at_once_the_second_is_refused_unless_it_is_forced(tmp_path, write):
+def test_of_two_outputs_at_once_the_second_is_refused_unless_it_is_forced(
+    tmp_path, monkeypatch, write, link
+):
     """Both have checked that nothing is there before either is complete."""
+    monkeypatch.setattr(os, "link", link)
     out = tmp_path / "out"
     with pytest.raises(OutputExistsError, match=r"another process has written '.*out'"):
         write(out, "second", force=False, meanwhile=lambda: write(out, "first", force=False))
@@ -211,6 +220,19 @@ def test_of_two_outputs_at_once_the_second_is_refused_unless_it_is_forced(tmp_pa
     write(out, "second", meanwhile=lambda: write(out, "third"))
     assert end.read_text() == "second"
     assert list(tmp_path.iterdir()) == [out]
+
+
+def test_a_file_that_appears_at_the_last_moment_is_not_replaced(tmp_path, monkeypatch):
+    link = os.link
+
+    def link_late(source, target):
+        Path(target).write_text("first")
+        link(source, target)
+
+    monkeypatch.setattr(os, "link", link_late)
+    with pytest.raises(OutputExistsError, match="another process"):
+        to_a_file(tmp_path / "out", force=False)
+    assert (tmp_path / "out").read_text() == "first"
 
 
 def test_a_file_never_takes_the_place_of_a_folder_that_was_written_meanwhile(tmp_path):

@@ -226,11 +226,14 @@ def test_bad_reset_options_are_refused(opened_kitchen, options, error, says):
     ],
 )
 def test_gymnasium_knows_the_environments_in_either_order(first):
-    code = f"{first}\nprint(gymnasium.spec('WordCraft-v0').id)"
+    code = (
+        f"{first}\nfor name in ('WordCraft-v0', 'WordCraft-OpenEnded-v0'): "
+        "print(gymnasium.spec(name).id)"
+    )
     out = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     ).stdout
-    assert out.split() == ["WordCraft-v0"]
+    assert out.split() == ["WordCraft-v0", "WordCraft-OpenEnded-v0"]
 
 
 @pytest.mark.parametrize("make", [gym.make, pytest.param(gym.make_vec, marks=pytest.mark.slow)])
@@ -239,7 +242,11 @@ def test_everyday_is_played_if_no_graph_is_named(make):
         {"num_envs": 2, "vectorization_mode": "vector_entry_point"} if make is gym.make_vec else {}
     )
     env = make("WordCraft-v0", **options).unwrapped
-    assert env.world.graph.name == "everyday"
+    assert (
+        env.world.graph.name
+        == gym.make("WordCraft-OpenEnded-v0").unwrapped.graph.name
+        == "everyday"
+    )
     assert make("WordCraft-v0", graph="kitchen", **options).unwrapped.world.graph.name == "kitchen"
 
 

@@ -8,10 +8,25 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import wordcraft_kg  # noqa: F401 - registers the environments
-from wordcraft_kg.base.errors import ConfigError, EpisodeError
-from wordcraft_kg.envs.wrappers import TaskObservation
+from wordcraft_kg import RecipeGraph, make_sources, open_book, open_graph
+from wordcraft_kg.base.errors import ConfigError, EpisodeError, GraphMismatchError
+from wordcraft_kg.envs.wrappers import (
+    KGScoreObservation,
+    TaskObservation,
+)
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer
 
 SETTINGS = {"graph": "kitchen", "part": "all", "depth": 2, "num_distractors": 3}
+
+
+@pytest.fixture(scope="module")
+def scorer():
+    opened = open_graph("kitchen")
+    return NeighbourScorer(opened.graph, opened.split.partial)
+
+
+def single():
+    return gym.make("WordCraft-v0", **SETTINGS)
 
 
 def vector(num_envs=5, **more):
@@ -147,9 +162,17 @@ def test_the_vector_environment_refuses_what_it_cannot_do(call, error, says):
         call(vector().unwrapped)
 
 
-def test_other_environments_are_refused():
+def sources_of(scorer):
+    return make_sources(["u", "v"], scorer)
+
+
+def test_a_scorer_of_another_graph_and_other_environments_are_refused():
     with pytest.raises(ConfigError, match="is not a WordCraft environment"):
         TaskObservation(gym.make("CartPole-v1"))
+    graph = RecipeGraph.from_book(open_book("paper-examples"))
+    foreign = FrequencyScorer(graph, graph.triples)
+    with pytest.raises(GraphMismatchError):
+        KGScoreObservation(single(), sources_of(foreign))
 
 
 @pytest.mark.slow

@@ -21,6 +21,7 @@ from wordcraft_kg.agents.players import knowledge_player, scorer_alone
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
+from wordcraft_kg.envs.wrappers import KGScoreObservation
 from wordcraft_kg.graphs import OpenedGraph, Split, draw_train_sample, make_folds
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.scorers.factors import TableScorer
@@ -380,16 +381,15 @@ def test_a_scorer_without_probabilities_of_recipes_is_refused():
         make_sources(["p"], scorer)
 
 
-def test_observations_can_be_scored_by_p(opened: OpenedGraph):
+def test_wrapped_environments_observe_p(opened: OpenedGraph):
     source = BestPlan.of_recipes(opened.graph.num_entities, opened.graph.recipes)
     source.graph_hash = opened.graph.hash
     env = gym.make("WordCraft-v0", graph="kitchen", part="test", depth=2, num_distractors=2)
-    observation, _ = env.reset(seed=0)
-    scores = source.score_observation(observation)
+    observation, _ = KGScoreObservation(env, [source]).reset(seed=0)
     state = (torch.tensor(observation[key])[None] for key in ("goal", "selection", "table"))
     states = States(*state, attempts=Attempts(torch.tensor([2])))
-    assert torch.equal(scores, source(states))
-    assert scores.max() > -2 * FURTHER  # a plan of known recipes
+    np.testing.assert_array_equal(observation["p"], source(states)[0].numpy())
+    assert observation["p"].max() > -2 * FURTHER  # a plan of known recipes
     env.close()
 
 

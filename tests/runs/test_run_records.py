@@ -1,6 +1,7 @@
 """Run records: what they hold, what they keep quiet about, and what is verified with them; trackers of metrics."""
 
 import getpass
+import json
 import os
 import socket
 import sys
@@ -80,6 +81,14 @@ def test_a_run_says_with_which_versions_it_was_made(folder):
     versions = start_run(folder, "train-complex").versions
     assert versions["python"] == ".".join(str(part) for part in sys.version_info[:3])
     assert {"wordcraft-kg", "torch", "pykeen", "numpy"} <= set(versions)
+
+
+def test_a_record_of_an_earlier_version_is_read(folder):
+    start_run(folder, "train-agent")
+    values = json.loads((folder / "run.json").read_text())
+    values |= {"git": {"commit": "0" * 40, "dirty": True}, "missing_words": ["zqx"]}
+    (folder / "run.json").write_text(json.dumps(values))
+    assert read_run(folder).git == values["git"]
 
 
 def test_the_home_folder_in_arguments_becomes_a_tilde(folder, monkeypatch):

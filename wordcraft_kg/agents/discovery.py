@@ -361,7 +361,7 @@ def play_runs(
 ) -> dict[str, NDArray[np.int64]]:
     """Let players discover entities, and count the known entities.
 
-    Rules are those of :class:`~wordcraft_kg.envs.open_ended.Discovery`. Run ``i`` uses
+    Rules are as in ``WordCraft-OpenEnded-v0``, but without observations. Run ``i`` uses
     ``np.random.default_rng([seed, i])``, so results do not depend on the choice of players. A run
     stops when all reachable entities are known; its further attempts keep the last count.
 

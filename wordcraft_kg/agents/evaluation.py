@@ -180,7 +180,6 @@ class Evaluator:
             stage: what the progress display says.
 
         Raises:
-            ConfigError: if no distractors are found that the distractor policy allows.
             LeakError: if a policy would score a task by a model trained on the task's recipes.
             GraphMismatchError: if the tasks belong to another graph or split than a policy's
                 cross-fitted scorer.

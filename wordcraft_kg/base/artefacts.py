@@ -459,11 +459,16 @@ def _staged(out: Path, name: str = "", *, force: bool) -> Iterator[Path]:
         try:
             staged = temporary / name
             yield staged
-            if not force and os.path.lexists(target):
-                raise OutputExistsError(
-                    f"another process has written '{out}' meanwhile, and nothing of this one was "
-                    "kept. Choose another `out`, or replace it with `force`."
-                )
+            if not force:
+                # Unlike a rename, a link replaces nothing. Folders and some disks have no links.
+                with suppress(OSError):
+                    os.link(staged, target)
+                    return
+                if os.path.lexists(target):
+                    raise OutputExistsError(
+                        f"another process has written '{out}' meanwhile, and nothing of this one "
+                        "was kept. Choose another `out`, or replace it with `force`."
+                    )
             try:
                 # A rename replaces a file, but no folder with content. A file never takes the place
                 # of a folder.

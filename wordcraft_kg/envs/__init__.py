@@ -9,7 +9,7 @@ other settings with ``world.variant(part="test")``. Rewards and results of the p
 from train recipes alone.
 
 ``open_ended`` is the game without a goal, ``words`` the games as text. Observations are ids and
-masks; ``wrappers`` adds the number of the task.
+masks; ``wrappers`` add scores.
 
 Free to change: how ``batch`` computes, as long as the reference in the tests agrees and its speed
 stays. Not free: what an episode with a given seed, environment and number looks like (``draws``),
@@ -34,6 +34,11 @@ def register() -> None:
         "WordCraft-v0",
         "wordcraft_kg.envs.wordcraft:WordCraftEnv",
         vector_entry_point="wordcraft_kg.envs.wordcraft:WordCraftVectorEnv",
+        kwargs=default,
+    )
+    register(
+        "WordCraft-OpenEnded-v0",
+        "wordcraft_kg.envs.open_ended:OpenEndedEnv",
         kwargs=default,
     )
     for point in entry_points(group="wordcraft_kg.environments"):

@@ -32,7 +32,6 @@ Rows = tuple[int, ...]
 """A plan: rows in ``graph.sets`` in order of execution."""
 TaskPart = Literal["all", "train", "valid", "test"]
 """Part of a split that tasks belong to; all: whatever recipes their plans use."""
-"""Sampling: all tasks alike, or goals alike and then the tasks of a goal alike."""
 
 
 @dataclass(frozen=True)

@@ -70,17 +70,19 @@ class Resumption(Record, frozen=True, kw_only=True):
         argv: command line, with ``~`` for the home folder.
         versions: versions by package.
         git: commit of the checkout that the package runs from, with ``-dirty`` if tracked files
-            were changed; None without a checkout.
+            were changed; None without a checkout. Earlier versions wrote an object.
     """
 
     started: str
     argv: tuple[str, ...]
     versions: dict[str, str]
-    git: str | None
+    git: str | dict[str, Any] | None
 
 
-class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
+class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=False):
     """Run record: the content of ``run.json``; keys with default values are left out.
+
+    Facts that another version has recorded are ignored.
 
     Attributes:
         format: name and version of this format.
@@ -91,7 +93,7 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
         ended: end of the last process, ISO 8601, UTC; None while running.
         versions: versions by package.
         git: commit of the checkout that the package runs from, with ``-dirty`` if tracked files
-            were changed; None without a checkout.
+            were changed; None without a checkout. Earlier versions wrote an object.
         inputs: hashes of ``graph`` and ``split``, and the SHA-256 of files that training never
             changes.
         seed: random seed.
@@ -113,7 +115,7 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
     started: str
     ended: str | None
     versions: dict[str, str]
-    git: str | None
+    git: str | dict[str, Any] | None
     inputs: dict[str, str]
     seed: int
     device: str

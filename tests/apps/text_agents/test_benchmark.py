@@ -313,6 +313,7 @@ def test_another_player_does_not_reproduce_a_submission(submitted, tmp_path):
         ({"kind": "a\nb"}, "kind.*on one line"),
         ({"kind": "people"}, "'kind' is people; expected the kind of a program"),
         ({"kind": "P\u0435ople "}, "'kind' is P.ople ; expected the kind of a program"),
+        ({"kind": "p.e0p1e"}, "'kind' is p.e0p1e; expected the kind of a program"),
         ({"kind": "people:mine"}, "'kind' is people:mine; expected the kind of a program"),
         ({"training_data": "javascript:alert(1)"}, "training_data.*http or https only"),
         ({"training_data": "ftp://example.org"}, "training_data.*http or https only"),

@@ -32,7 +32,7 @@ from wordcraft_kg.agents.players import knowledge_player
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.base.errors import GraphMismatchError, LeakError
 from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.envs.wrappers import TaskObservation
+from wordcraft_kg.envs.wrappers import KGScoreObservation, TaskObservation
 from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_folds, make_split, open_graph
 from wordcraft_kg.models.policies.policy_folder import load_policy, make_policy
 from wordcraft_kg.models.policies.sources import registry
@@ -311,21 +311,36 @@ def test_in_sample_needs_a_scorer():
         AgentConfig("kitchen", policy=PolicyConfig(in_sample=True))
 
 
-def test_observations_get_the_scores_of_models_that_have_not_seen_the_task(opened, scorer):
+def test_wrappers_give_the_scores_of_models_that_have_not_seen_the_task(opened, scorer):
     world = world_of(opened)
     sources = make_sources(["u", "v"], scorer, tasks=world.tasks)
     of_all = make_sources(["u", "v"], scorer.whole)
-    env = gym.make("WordCraft-v0", graph=world)
+    env = KGScoreObservation(gym.make("WordCraft-v0", graph=world), sources)
     differ = False
     for seed in range(4):
         seen, _ = env.reset(seed=seed)
         state = [torch.as_tensor(np.atleast_1d(seen[key])) for key in ("goal", "selection")]
         state.append(torch.as_tensor(np.atleast_2d(seen["table"])))
-        task = env.unwrapped.state.task
-        scores = sources[1].score_observation(seen, task)
-        assert torch.equal(scores, sources[1](States(*state, torch.as_tensor([task]))))
-        differ |= not torch.equal(scores, of_all[1](States(*state)))
+        expected = sources[1](States(*state, torch.as_tensor([env.unwrapped.state.task])))
+        np.testing.assert_array_equal(seen["v"], expected.numpy()[0])
+        differ |= not np.array_equal(seen["v"], of_all[1](States(*state)).numpy()[0])
     assert differ
+
+
+def test_a_wrapper_refuses_sources_that_cannot_be_honest_about_its_tasks(opened, scorer):
+    world = world_of(opened)
+    env = gym.make("WordCraft-v0", graph=world)
+    with refuses("tasks", LeakError):
+        KGScoreObservation(env, make_sources(["u", "v"], scorer))
+    KGScoreObservation(
+        gym.make("WordCraft-v0", graph=world.variant(part="test")), make_sources(["u", "v"], scorer)
+    )
+    other = OpenedGraph(opened.graph, make_split(opened.graph, SplitConfig(seed=1)), "kitchen")
+    with pytest.raises(GraphMismatchError):
+        KGScoreObservation(
+            gym.make("WordCraft-v0", graph=world_of(other)),
+            make_sources(["u"], scorer, tasks=world.tasks),
+        )
 
 
 @pytest.mark.parametrize("part", ["train", "test"])

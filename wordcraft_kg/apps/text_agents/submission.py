@@ -534,9 +534,12 @@ def _check_versions(path: Path, submission: Submission) -> None:
             raise _refused(path, name, getattr(submission, name), value)
     # Nobody could verify who played: answers of people are in the folder of `people serve`, which
     # checks them, and in `people summary`.
-    # In ASCII, so that no letters of other scripts write "people".
-    if not submission.kind.isascii() or "people" in submission.kind.casefold():
-        expected = "the kind of a program or model, since a submission cannot show who played"
+    # No letters of other scripts, digits or signs may write "people" either.
+    plain = submission.kind.casefold().translate(str.maketrans("01i|", "olll"))
+    if not plain.isascii() or "people" in re.sub("[^a-z]", "", plain):
+        expected = (
+            "the kind of a program or model in ASCII, since a submission cannot show who played"
+        )
         raise _refused(path, "kind", submission.kind, expected, "give the folder of `people serve`")
     for name in ("player", "kind", "training_data", "licence"):
         check_declared(f"{path}: {name}", getattr(submission, name))

@@ -219,7 +219,7 @@ class Source(nn.Module, ABC):
         return (scores + scores.transpose(1, 2)) / 2
 
     def score_observation(self, observation: Mapping[str, Any], task: Any = None) -> Tensor:
-        """Score the slots in an environment's observation.
+        """Score the slots in an environment's observation, for wrappers, which know no models.
 
         Args:
             observation: see :meth:`States.of_observation`.

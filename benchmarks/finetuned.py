@@ -15,13 +15,16 @@ from typing import Any
 import numpy as np
 
 from wordcraft_kg.apps.text_agents.benchmark import open_track
+from wordcraft_kg.apps.text_agents.results import GAMES_FILE
 from wordcraft_kg.apps.text_agents.submission import (
     GameLine,
     Submission,
+    read_submission_file,
     submissions_at,
-    verified_games,
+    verify,
 )
 from wordcraft_kg.base.artefacts import write_atomically
+from wordcraft_kg.base.records import parse_lines
 from wordcraft_kg.base.statistics import paired_difference
 
 LEADERBOARD = Path(__file__).parents[1] / "leaderboard" / "everyday-v3"
@@ -44,6 +47,12 @@ PLAYERS = {
     "random": "chance",
 }
 """Rows of the leaderboard, and the players' names on the page."""
+
+
+def verified(path: Path) -> tuple[Submission, list[GameLine]]:
+    """Return a verified submission with its games."""
+    submission = verify(path)
+    return submission, parse_lines(read_submission_file(path, GAMES_FILE), GameLine, path)
 
 
 def row(
@@ -97,7 +106,7 @@ def main() -> None:
             path = on_track.get(player)
             if path is None:
                 continue
-            submission, games = verified_games(path)
+            submission, games = verified(path)
             model = player.removesuffix("-constrained")
             # A recipe scorer is trained anew for each split.
             is_one = model.startswith("smollm2")
@@ -107,13 +116,13 @@ def main() -> None:
                 of_track[track] = games
             made = row(name, submission, games, of_track[track])
             if player in BEFORE:
-                _, before = verified_games(on_track[BEFORE[player]])
+                _, before = verified(on_track[BEFORE[player]])
                 # The games of the last argument minus those before it: after minus before.
                 gain = row(name, submission, before, games)["difference"]
                 made["gain_by_reinforcement"] = gain
             rows.append(made)
     for name, _, folder in (also.partition("=") for also in options.also):
-        submission, games = verified_games(Path(folder))
+        submission, games = verified(Path(folder))
         tuned = of_track[submission.track]
         rows.append(row(name, submission, games, tuned, is_on_leaderboard=False))
     text = ",\n".join(json.dumps(one) for one in [training, *rows])

@@ -42,7 +42,7 @@ from wordcraft_kg.base.statistics import (
     student_interval,
     task_bootstrap,
 )
-from wordcraft_kg.studies import claims, view
+from wordcraft_kg.studies import claims
 
 Table = NDArray[np.float64]
 Designs = tuple[tuple[int, int], ...]
@@ -186,22 +186,6 @@ def steps_of_each(speed: float, seeds: int, _: int) -> Trial:
 
     expected = float(np.mean(reached(20_000, np.random.default_rng(1))))
     return lambda rng: (student_interval(reached(seeds, rng)) or (0, 1), expected)
-
-
-def steps_of_mean(speed: float, seeds: int, _: int) -> Trial:
-    """Steps until the mean curve reaches the mean end of the reference, as tables count them."""
-
-    def reached(number: int, rng: np.random.Generator) -> tuple[int | None, Any]:
-        return view._reached(runs(curves(number, rng, speed)), runs(curves(number, rng, 4.0)))
-
-    expected = reached(20_000, np.random.default_rng(1))[0]
-    assert expected is not None
-
-    def trial(rng: np.random.Generator) -> tuple[tuple[float, float], float]:
-        low, high = (np.inf if end is None else end for end in reached(seeds, rng)[1])
-        return (low, high), expected
-
-    return trial
 
 
 def of_tasks(name: str, _: int, tasks: int) -> Trial:
@@ -476,7 +460,6 @@ KINDS = {
     ),
     "one figure per training": Kind(over_seeds, STUDIED, ONE_SPLIT, (650,)),
     "steps of each training to a level": Kind(steps_of_each, SPEEDS, ONE_SPLIT),
-    "steps of the mean curve to a level": Kind(steps_of_mean, [6.0, *SPEEDS[1:]], ONE_SPLIT),
     "success of one player over recipes": Kind(of_tasks, SINGLE, ONE_PLAYER, TASKS),
     "difference of two players over recipes": Kind(of_players, PAIRS[:3], ONE_PLAYER, TASKS),
     "success of one player over goals": Kind(of_tasks_by_goal, SINGLE, ONE_PLAYER, GOALS),

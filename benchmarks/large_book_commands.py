@@ -26,7 +26,7 @@ COMMANDS = {
     "tasks": ("describe", "{folder}", "--tasks"),
     "tasks --depth 2": ("describe", "{folder}", "--tasks", "--depth", "2"),
     "tasks --depth 3": ("describe", "{folder}", "--tasks", "--depth", "3"),
-    "play": ("play", "{folder}", "--episodes", "1"),
+    "play": ("play", "{folder}"),
     "evaluate-agent": ("evaluate-agent", "{folder}"),
     "discover": ("discover", "{folder}", "--runs", "5"),
     "export tsv": ("export", "{folder}", "--format", "tsv", "--out", "{out}", "--force"),

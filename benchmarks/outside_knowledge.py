@@ -81,11 +81,12 @@ def fitted(opened: OpenedGraph, name: str, words: str, specs: Sequence[str]) -> 
             outside=outside.tables._replace(encoder=encoder_of(outside.books, opened, words)),
         )
         return knowledge
-    joint = join_books(specs, opened, words, folds=5, keep_train="unshared" not in name)
-    vectors = Words.of(word_features(words, joint.opened.graph.entities))
-    outside = joint.outside.tables
-    ((_, knowledge),) = fit_recipe_scorers(joint.folds, vectors, [()], outside=outside)
-    return knowledge.of_entities(joint.own)
+    joint, own, folds, outside = join_books(
+        specs, opened, words, folds=5, keep_train="unshared" not in name
+    )
+    vectors = Words.of(word_features(words, joint.graph.entities))
+    ((_, knowledge),) = fit_recipe_scorers(folds, vectors, [()], outside=outside.tables)
+    return knowledge.of_entities(own)
 
 
 def encoder_of(books: tuple[OtherBook, ...], opened: OpenedGraph, words: str) -> PairEncoder | None:

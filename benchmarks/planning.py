@@ -157,7 +157,6 @@ def main() -> None:
     parser.add_argument("--attempts", type=int, help="attempts in an episode; default: the depth")
     parser.add_argument("--part", default="test")
     parser.add_argument("--tasks", type=int, default=500)
-    parser.add_argument("--policy", default="any", help="distractor policy")
     parser.add_argument("--only", help="names of players, separated by semicolons")
     parser.add_argument("--widths", default="")
     parser.add_argument("--odds", default="", help="log-odds added for intermediates")
@@ -172,11 +171,7 @@ def main() -> None:
         for depth in map(int, options.depths.split(",")):
             for distractors in map(int, options.distractors.split(",")):
                 config = WordCraftConfig(
-                    options.part,
-                    depth,
-                    distractors,
-                    distractor_policy=options.policy,
-                    max_attempts=options.attempts,
+                    options.part, depth, distractors, max_attempts=options.attempts
                 )
                 world = World(opened, config)
                 if options.time:
@@ -211,7 +206,6 @@ def main() -> None:
                         "depth": depth,
                         "distractors": distractors,
                         "max_attempts": world.config.attempts,
-                        "policy": options.policy,
                         "player": name,
                     }
                     rows.append({**about, "model": options.model.name, **figures})

@@ -34,7 +34,7 @@ from torch import nn
 
 from wordcraft_kg.agents.agent_config import ImpalaConfig
 from wordcraft_kg.agents.impala import Impala
-from wordcraft_kg.agents.losses import baseline_loss, entropy, policy_gradient_loss, v_trace
+from wordcraft_kg.agents.losses import baseline_loss, divergence, policy_gradient_loss, v_trace
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.envs.batch import BatchEngine, State
 from wordcraft_kg.envs.world import World
@@ -105,11 +105,11 @@ def plain(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> Callab
         with torch.no_grad():
             bootstrap = policy(*observe())[1]
         log_rhos = chosen.detach() - torch.stack(log_probs)
-        targets = v_trace(
+        vs, pg_advantages = v_trace(
             log_rhos, torch.stack(discounts), torch.stack(rewards), values.detach(), bootstrap
         )
-        loss = policy_gradient_loss(chosen, targets.pg_advantages) - 0.01 * entropy(log_policy)
-        loss = loss + 0.5 * baseline_loss(values, targets.vs)
+        loss = policy_gradient_loss(chosen, pg_advantages) + 0.01 * divergence(log_policy, 0.0)
+        loss = loss + 0.5 * baseline_loss(values, vs)
         optimizer.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(parameters, 40.0)
@@ -193,8 +193,7 @@ def whole(book: str, distractors: int, steps: int, device: str) -> None:
             seconds, found = time.perf_counter() - begun, json.loads(done.stdout)
             print(
                 f"{name:9s} {found['steps']:,} steps from the command to its report: {seconds:.1f} "
-                f"s ({found['steps_per_second']:,} steps/s in training, "
-                f"{found['curves_share']:.1%} of the time for the curves); test success "
+                f"s ({found['steps_per_second']:,} steps/s in training); test success "
                 f"{found['success']['test']:.3f}",
                 flush=True,
             )
@@ -229,7 +228,6 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10)
     parser.add_argument("--rounds", type=int, default=2)
     parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--lag", type=int, default=0)
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--whole", action="store_true")
     parser.add_argument("--steps", type=int, default=3_000_000)
@@ -253,13 +251,12 @@ def main() -> None:
         "paper",
         batch_size=options.batch,
         memory_cost=memory,
-        policy_lag=options.lag,
         device=options.device,
         tables=options.tables,
     )
     print(
         f"{opened.graph.name}, {options.distractors} distractors, batch {config.num_envs}, "
-        f"unroll {config.unroll}, lag {config.policy_lag}, {options.threads} "
+        f"unroll {config.unroll}, {options.threads} "
         f"thread{'s' * (options.threads > 1)} of {os.cpu_count()}"
     )
     scorer: TripleScorer

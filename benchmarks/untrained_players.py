@@ -7,9 +7,8 @@ several splits.
 For each split kind and split seed: *nearest words* (the two entities nearest to the goal by GloVe),
 and the recipe scorer alone by u + v, by w, by w without words (``--features one-hot``), and by w
 without the graph (a ranker of word features only). *Random* is exact: two random slots on these
-tables. Success on all depth-1 test tasks, five distractor seeds: by any recipe, by the task's own
-recipe, and on tables without a way by train recipes (``no_train_shortcut``). Scorers are trained
-where missing; existing models and figures in --out are kept.
+tables. Success on all depth-1 test tasks, five distractor seeds: by any recipe, and by the task's
+own recipe. Scorers are trained where missing; existing models and figures in --out are kept.
 """
 
 import argparse
@@ -57,7 +56,6 @@ WORDS = ("words_sum", "words_min", "pair_words", "itself")
 """Features that need no recipe."""
 SEEDS = 5
 """Distractor seeds."""
-POLICIES = {"success": "any", "no_train_shortcut": "no_train_shortcut"}
 
 
 def trained(home: Path, features: str, skip: bool) -> Model | None:
@@ -147,26 +145,15 @@ def play(
         write_graph_folder(home / "graph", recipes, split)
     opened = open_graph(home / "graph")
     players, mrr = players_of(home, opened, skip)
-    of: dict[tuple[str, int], dict[str, Any]] = {}
-    for figure, policy in POLICIES.items():
-        world = World(opened, WordCraftConfig(part="test", distractor_policy=policy))  # type: ignore[arg-type]
-        for amount in distractors:
-            at = of.setdefault(("random", amount), {"mrr": None, "tasks": len(world.tasks)})
-            at[figure], own = chance(world.variant(num_distractors=amount))
-            at.setdefault("own", own)
-        for row in play_all(world, players, distractors, distractor_seeds=SEEDS):
-            at = of.setdefault((row.player, row.distractors), {"mrr": mrr.get(row.player)})
-            at[figure] = row.success
-            if figure == "success":
-                at |= {"own": row.by_plan, "tasks": len(world.tasks)}
-    for (player, amount), figures in of.items():
-        yield {
-            "book": Path(book).stem,
-            "split": kind,
-            "player": player,
-            "distractors": amount,
-            **figures,
-        }
+    world = World(opened, WordCraftConfig(part="test"))
+    about = {"book": Path(book).stem, "split": kind, "tasks": len(world.tasks)}
+    for amount in distractors:
+        success, own = chance(world.variant(num_distractors=amount))
+        figures = {"mrr": None, "success": success, "own": own}
+        yield {**about, "player": "random", "distractors": amount, **figures}
+    for row in play_all(world, players, distractors, distractor_seeds=SEEDS):
+        figures = {"mrr": mrr.get(row.player), "success": row.success, "own": row.by_plan}
+        yield {**about, "player": row.player, "distractors": row.distractors, **figures}
 
 
 def played(home: Path, *cell: Any) -> list[dict[str, Any]]:
@@ -185,7 +172,7 @@ def joined(by_split: list[list[dict[str, Any]]]) -> Iterator[dict[str, Any]]:
         for row in rows:
             of.setdefault((row["player"], row["distractors"]), []).append(row)
     for same in of.values():
-        figures = ("mrr", "success", "own", "no_train_shortcut")
+        figures = ("mrr", "success", "own")
         yield (
             same[0]
             | {
@@ -204,15 +191,12 @@ def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def shown(row: Mapping[str, Any]) -> str:
-    """Return success with the interval over splits, by the own recipe, and without
-    train shortcuts."""
-    mean, own, other = (
-        float(np.mean(row[name])) for name in ("success", "own", "no_train_shortcut")
-    )
+    """Return success with the interval over splits, and by the own recipe."""
+    mean, own = (float(np.mean(row[name])) for name in ("success", "own"))
     # One split says nothing of others.
     low, high = student_interval(row["success"]) or (0.0, 1.0)
     interval = f"[{low:.3f}, {high:.3f}]"
-    return f"{mean:.3f} {interval:16} own {own:.3f}  no train shortcut {other:.3f}"
+    return f"{mean:.3f} {interval:16} own {own:.3f}"
 
 
 def main() -> None:

@@ -25,9 +25,9 @@ from wordcraft_kg.apps.text_agents.benchmark import (
 )
 from wordcraft_kg.apps.text_agents.mcp_server import tools_hash
 from wordcraft_kg.apps.text_agents.plays import chosen_tasks
-from wordcraft_kg.apps.text_agents.submission import SCHEMA, submission_schema
+from wordcraft_kg.apps.text_agents.submission import SCHEMA, Submission
 from wordcraft_kg.base.artefacts import dump_json
-from wordcraft_kg.base.records import as_values
+from wordcraft_kg.base.records import as_values, schema_of
 from wordcraft_kg.envs.draws import EvaluationTables
 from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.envs.world import World
@@ -120,7 +120,8 @@ def compact(values):
 
 def main():
     """Write or compare the files."""
-    schema = submission_schema()
+    title = "A submission to a wordcraft-kg benchmark"
+    schema = schema_of(Submission, "urn:wordcraft-kg:submission:2", title)
     if "--check" in sys.argv:
         if read_manifest()[1] != PUBLISHED:
             sys.exit(f"{MANIFEST} is not the published one; restore it")

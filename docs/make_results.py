@@ -251,13 +251,13 @@ def ppo_cells(study: Checked) -> Iterator[Cell]:
 
 def claim_cells(study: Checked, by_chance: set[int]) -> Iterator[Cell]:
     """Yield verdict and difference of each claim at each point, by book."""
-    for claim in study.claims:
-        for measured in claim.measured:
+    for checked in study.claims:
+        for measured in checked.measured:
             # What is undecided may be chance anyway.
-            is_marked = id(measured) in by_chance and claim.verdict != "undecided"
+            is_marked = id(measured) in by_chance and checked.verdict != "undecided"
             mark = BY_CHANCE if is_marked else ""
-            row = f"{claim.text} | {where(measured.values)}"
-            value = f"{claim.verdict}{mark}, {measured.difference:+.3f}"
+            row = f"{checked.claim.text} | {where(measured.values)}"
+            value = f"{checked.verdict}{mark}, {measured.difference:+.3f}"
             low, high = measured.low, measured.high
             yield cell(study.name, "claims", row, study.book, value, low, high, "+.3f")
 
@@ -271,9 +271,10 @@ def verdict_cells(studies: list[Checked], table: str, is_paper: bool) -> Iterato
     """Yield the numbers of verdicts of each claim, by book."""
     for study in studies:
         counts: dict[tuple[str, str], Counter[Verdict]] = {}
-        for claim in study.claims:
+        for checked in study.claims:
+            claim = checked.claim
             if claim.source.startswith("paper") == is_paper:
-                counts.setdefault((claim.text, claim.source), Counter())[claim.verdict] += 1
+                counts.setdefault((claim.text, claim.source), Counter())[checked.verdict] += 1
         for (text, source), verdicts in counts.items():
             place = source.removeprefix("paper, ").removeprefix("this project").lstrip(";, ")
             row = f"[{text}](evidence/{study.name}.md)" + (f" *({place})*" if place else "")
@@ -293,7 +294,7 @@ def training_cells(study: Checked) -> Iterator[Cell]:
     entries = [entry for point in study.view.points for entry in point.variants]
     trained = [entry for entry in entries if entry.steps]
     steps = sorted({entry.steps for entry in trained})
-    row = f"[{study.view.title}](evidence/{study.name}.md) | {study.book}"
+    row = f"[{study.results.study.title}](evidence/{study.name}.md) | {study.book}"
     figures = {
         "steps": " and ".join(f"{number:,}" for number in steps),
         "splits": str(max(len(entry.seeds) for entry in entries)),
@@ -308,10 +309,10 @@ def chance_differences(studies: list[Checked]) -> set[int]:
     """Return the identities of differences that may be chance after correction over all claims."""
     tested: list[Measured] = []
     for study in studies:
-        for claim in study.claims:
+        for checked in study.claims:
             # Other claims say that there is no difference, or that it varies.
-            if claim.expected in ("more", "less"):
-                tested += [at for at in claim.measured if at.p_value is not None]
+            if checked.claim.expected in ("more", "less"):
+                tested += [at for at in checked.measured if at.p_value is not None]
     corrected = holm([at.p_value for at in tested if at.p_value is not None])
     return {id(at) for at, p_value in zip(tested, corrected, strict=True) if p_value >= LEVEL}
 

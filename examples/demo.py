@@ -236,7 +236,7 @@ The agents were trained for one attempt, and shortly: {steps:,} steps, with the 
     print(
         f"""
 Next:
-  open {report}/index.html           the agents: success, curves, decisions
+  open {report}/index.html           the agents: success and curves
   {program} explore {graph} {models}
   {program} check-book examples/my-book.csv     your own recipes: see README.md"""
     )

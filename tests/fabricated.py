@@ -1,7 +1,7 @@
 """Results of studies that nobody has played."""
 
 from wordcraft_kg.graphs.graph_folder import PlayedGraph
-from wordcraft_kg.studies.results import RunResult, StudyResults
+from wordcraft_kg.studies.results import Origin, RunResult, StudyResults
 from wordcraft_kg.studies.study import Study
 
 NO_GRAPH = ["00000", "50000", "05000", "00500", "55000"]
@@ -24,6 +24,8 @@ def fabricate(
     points = won if isinstance(won, list) else [({}, won)]
     variants = {name: (settings or {}).get(name, {}) for _, cells in points for name in cells}
     runs = []
+    # Each task is a group of its own; runs with as many tasks share theirs.
+    groups = {}
     for number, (values, cells) in enumerate(points):
         for variant, members in cells.items():
             for seed, digits in enumerate(members):
@@ -36,6 +38,8 @@ def fabricate(
                     seed=seed,
                     run=f"{number}-{variant}-{seed}",
                     graph=0,
+                    origin=0,
+                    groups=groups.setdefault(tuple(range(len(digits))), len(groups)),
                     success={"train": 0.5, "test": success},
                     by_plan={"train": 0.5, "test": success / 2},
                     terminations={},
@@ -61,4 +65,6 @@ def fabricate(
         tuple(runs),
         (),
         0.5,
+        (Origin("here", {"torch": "2"}, len(runs)),),
+        tuple(groups),
     )

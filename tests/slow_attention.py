@@ -26,7 +26,7 @@ class SlowAttention:
         self.config = policy.config
         self.p = {name: tensor.double().tolist() for name, tensor in policy.named_parameters()}
         is_one_hot = policy.vectors.is_one_hot
-        x = torch.eye(policy.vectors.dim) if is_one_hot else policy.vectors.vectors
+        x = torch.eye(policy.vectors.dim) if is_one_hot else policy.vectors.vectors[:-1]
         # Behind all entities stands nothing.
         self.x = [*x.double().tolist(), [0.0] * x.shape[1]]
 

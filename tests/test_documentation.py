@@ -617,9 +617,8 @@ TEXTS = [
     (
         lambda: WordCraftEnv("kitchen", distractors=2),
         "UnknownSettingError: unexpected keyword argument 'distractors'; expected one of part, "
-        "depth, num_distractors, max_attempts, reward, distractor_weighting, distractor_policy, "
-        "task_weighting, ambiguity, pays_held_out, num_tasks, task_seed. Did you mean "
-        "'num_distractors', 'distractor_policy', 'distractor_weighting'?",
+        "depth, num_distractors, max_attempts, reward, distractor_weighting, pays_held_out, "
+        "num_tasks, task_seed. Did you mean 'num_distractors', 'distractor_weighting'?",
     ),
     (
         lambda: wk.ComplExConfig(dim=1.5),

@@ -31,10 +31,8 @@ def tasks():
     from wordcraft_kg.graphs.tasks import make_tasks
 
     opened = open_graph("kitchen")
-    for depth, part, weighting in product((1, 2, 3, 4), ("all", "train", "test"), ("task", "goal")):
-        made = make_tasks(
-            opened.graph, depth, opened.split, part, weighting=weighting, limit=20, seed=5
-        )
+    for depth, part in product((1, 2, 3, 4), ("all", "train", "test")):
+        made = make_tasks(opened.graph, depth, opened.split, part, limit=20, seed=5)
         print(*made, made.mixed, sep="\n")
 
 

@@ -27,7 +27,7 @@ from wordcraft_kg import (
     write_graph_folder,
 )
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.base import ConfigError, NotRegisteredError, registry, settings, sha256_of
+from wordcraft_kg.base import ConfigError, NotRegisteredError, registry, sha256_of
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.graphs.splits import SPLITS
 from wordcraft_kg.models.policies.policy_folder import make_policy
@@ -319,10 +319,9 @@ def test_a_package_cannot_replace_what_is_built_in(monkeypatch):
         "mine" in SPLITS  # noqa: B015
 
 
-def test_one_hot_vectors_of_a_network_that_do_not_fit_are_refused(monkeypatch):
+def test_one_hot_vectors_of_a_network_are_refused():
     load_plugin(FILES["network"])
-    monkeypatch.setattr(settings, "memory", lambda: 10_000)
-    with pytest.raises(ConfigError, match="one-hot vectors of a network"):
+    with pytest.raises(ConfigError, match="takes no one-hot vectors"):
         make_policy(PolicyConfig("bilinear", features="one-hot"), open_graph("kitchen").graph, 2)
 
 

@@ -108,8 +108,7 @@ MODEL = (
     ),
 )
 AGENT = (
-    ("evaluate-agent", "{}", "--distractor-seeds", "1"),
-    ("evaluate-agent", "{}", "--distractor-seeds", "1", "--agent", "kg-only", "--json"),
+    ("evaluate-agent", "{}", "--distractor-seeds", "1", "--json"),
     ("explain", "{}", "--episodes", "1"),
     (
         "compare",

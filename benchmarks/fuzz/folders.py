@@ -63,7 +63,7 @@ def make_folders(home):
     table = FrequencyScorer(opened.graph, opened.split.partial)
     save_scorer(home / "table", table, opened, kg="partial")
     world = World(opened, WordCraftConfig(num_distractors=3, num_tasks=30))
-    sizes = {"key_size": 5, "value_size": 4, "hidden_size": 6, "embedding_size": 3}
+    sizes = {"key_size": 5, "value_size": 4, "hidden_size": 6}
     agents = {
         "agent-tables": ("recipes", {"use": "u,v", "scale": "ranks"}),
         "agent-lists": ("recipes", {"use": "u,v", "scale": "ranks"}),
@@ -71,7 +71,7 @@ def make_folders(home):
         "agent-factors": ("complex", {"use": "u,v", "scale": "ranks"}),
         "agent-plan": ("recipes", {"use": "w,p", "sees_attempts": True}),
         "agent-encoder": ("encoder", {"use": "w", "mixing": "residual", "features": "one-hot"}),
-        "agent-mlp": (None, {"policy": "mlp", "features": "learned"}),
+        "agent-mlp": (None, {"policy": "mlp", "features": "random"}),
     }
     for name, (scorer, settings) in agents.items():
         with ExitStack() as stack:

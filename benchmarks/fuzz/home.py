@@ -39,7 +39,8 @@ def make_home(home):
         train_links(links, home / "model-interrupted", progress=press)
     train_agent(agent, home / "agent")
     (home / "agent" / "report").mkdir()
-    assert train_agent(agent, home / "agent-interrupted", progress=press).interrupted
+    with suppress(KeyboardInterrupt):
+        train_agent(agent, home / "agent-interrupted", progress=press)
     played = (
         "evaluate-agent",
         "graph",

@@ -19,7 +19,7 @@ from .spoiling import toml_of
 GIVEN = {
     **dict.fromkeys(("external_results folder", "run folder", "runs folder"), "in/agent"),
     **dict.fromkeys(("book", "graph"), "in/graph"),
-    **dict.fromkeys(("dim", "embedding_size", "key_size", "value_size"), "4"),
+    **dict.fromkeys(("dim", "key_size", "value_size"), "4"),
     **dict.fromkeys(("checkpoint_every", "log_every"), "1000"),
     **dict.fromkeys(("distractor_seeds", "episodes", "epochs", "trials"), "1"),
     **dict.fromkeys(("eval_every", "port"), "0"),

@@ -46,9 +46,11 @@ def interrupted(tmp_path, made_once):
         if done == 240:
             signal.raise_signal(signal.SIGINT)
 
-    made = made_once(
-        "kitchen-agent-interrupted", lambda out: train_agent(CONFIG, out, progress=stop)
-    )
+    def make(out):
+        with pytest.raises(KeyboardInterrupt):
+            train_agent(CONFIG, out, progress=stop)
+
+    made = made_once("kitchen-agent-interrupted", make)
     return shutil.copytree(made, tmp_path / "run")
 
 
@@ -79,6 +81,7 @@ def test_what_a_training_writes_is_seen(interrupted, opened):
     assert run.records().run.status == "done"
     assert run.agent().checkpoint == "final"
     assert run.explainer(world) is not explainer
+    assert run._explainer.cache_info().currsize == 1  # none of earlier weights
     assert len(run.episodes()) == sum(
         success.tasks for success in run.records().evaluation.success.values()
     )
@@ -106,7 +109,7 @@ def test_what_cannot_be_read_is_an_error_each_time_until_it_can(interrupted, ope
 
 
 @pytest.mark.parametrize("gone", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_a_scorer_of_links_that_was_taught_a_dose_remembers_no_more(opened, tmp_path, gone):
+def test_a_scorer_of_links_that_was_taught_a_dose_remembers_no_more(opened, tmp_path, gone, caplog):
     with_train_sample = LinksConfig(
         "kitchen",
         ComplExConfig(dim=4, epochs=1, n3=0.1, folds=0, train_fraction=0.5, label_noise=0.4),
@@ -128,6 +131,7 @@ def test_a_scorer_of_links_that_was_taught_a_dose_remembers_no_more(opened, tmp_
             assert one.is_in_sample == (one.part == "train" if gone else bool(is_right[row]))
             told.add((one.part, one.is_in_sample))
     assert told >= {("train", True), ("test", False)} | (set() if gone else {("train", False)})
+    assert ("has moved or changed" in caplog.text) == gone
 
 
 @pytest.fixture

@@ -41,9 +41,9 @@ SLOW = pytest.mark.slow
 
 BATCH = 8
 
-SIZES = {"embedding_size": 6, "key_size": 5, "value_size": 7, "hidden_size": 9}
+SIZES = {"key_size": 5, "value_size": 7, "hidden_size": 9}
 
-SMALL = {"features": "learned", "self_edges": "keep", **SIZES}
+SMALL = {"features": "glove", "self_edges": "keep", **SIZES}
 
 
 @pytest.fixture(scope="module")
@@ -347,7 +347,7 @@ def test_figures_begin_anew_each_time_and_are_none_where_no_episode_ended(traine
 
 
 def test_each_uniform_number_picks_the_slot_whose_share_it_falls_into(trainer):
-    impala = trainer(policy={"embedding_size": 40})
+    impala = trainer(policy={"key_size": 40})
     count = 10_000
     weights = impala.policy.weights()
     state = [getattr(impala.envs, name)[:1] for name in ("goal", "selection", "table")]
@@ -493,7 +493,7 @@ def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, lag, guided, up
 
 def test_a_lagging_actor_keeps_no_parameter_twice(trainer):
     """Weights that are computed stand for the parameters of vectors and attention."""
-    impala = trainer(policy={"features": "learned", "embedding_size": 6})
+    impala = trainer(policy={"features": "random"})
     weights = impala.policy.weights()
     shared = {id(parameter) for parameter in impala.policy.parameters()} & {
         *map(id, weights.values())

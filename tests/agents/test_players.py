@@ -57,15 +57,6 @@ def success(table, player, distractors=1):
     return row.success
 
 
-def test_the_oracle_falls_short_where_the_last_result_wins(opened):
-    table = play(
-        opened, {"recipe oracle": recipe_oracle}, distractor_seeds=1, part="all", ambiguity="last"
-    )
-    results = np.diff(opened.graph.pair_starts)
-    assert success(table, "recipe oracle") == pytest.approx(len(results) / results.sum(), abs=0.01)
-    assert success(table, "recipe oracle") < 1
-
-
 def test_chance_is_what_it_should_be(opened):
     players = {"random": random_entity, "random, distinct": random_distinct}
     table = play_all(

@@ -26,7 +26,7 @@ SHORT = {
 SMALL = {"features": "random", "key_size": 24, "value_size": 24, "hidden_size": 24}
 KINDS = {
     "guided": {},
-    "guided-learned": {"features": "learned", "embedding_size": 12},
+    "guided-random": {"features": "random"},
     "kg-only": {"kg_only": True, "mixing": "softmax"},
     "alone-one-hot": {"is_guided": False, "features": "one-hot"},
     "mlp": {"is_guided": False, "policy": "mlp"},

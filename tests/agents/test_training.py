@@ -59,11 +59,8 @@ def interrupted(config, tmp_path, monkeypatch):
 
         with monkeypatch.context() as patch:
             patch.setattr(Impala, "update", wrapped)
-            if error is None:
-                assert train_agent(config, tmp_path / "run", **options).interrupted
-            else:
-                with pytest.raises(error):
-                    train_agent(config, tmp_path / "run", **options)
+            with pytest.raises(error or KeyboardInterrupt):
+                train_agent(config, tmp_path / "run", **options)
         return tmp_path / "run"
 
     return interrupted
@@ -152,10 +149,10 @@ def test_a_loss_that_is_not_finite_keeps_the_last_checkpoint(config, tmp_path, m
     collect = Impala._collect
 
     def poisoned(self, weights):
-        is_cut = collect(self, weights)
+        unroll = collect(self, weights)
         if self.update_number == 45:
-            self._unroll.rewards[0, 0] = float("nan")
-        return is_cut
+            unroll.rewards[0, 0] = float("nan")
+        return unroll
 
     monkeypatch.setattr(Impala, "_collect", poisoned)
     with pytest.raises(
@@ -389,8 +386,6 @@ def test_a_preset_or_attempts_that_do_not_exist_are_refused():
         PolicyConfig(sees_attempts="yes")
     with pytest.raises(ConfigError, match="`sees_attempts` needs `policy` pairs or attention"):
         PolicyConfig("mlp", sees_attempts=True)
-    with pytest.raises(ConfigError, match="`unroll` depends on the tasks"):
-        _ = ImpalaConfig().updates
 
 
 @pytest.mark.parametrize(("steps", "updates"), [(1, 1), (24, 1), (25, 2), (240, 10), (241, 11)])
@@ -402,7 +397,6 @@ def test_steps_are_rounded_up_to_whole_updates(steps, updates):
 
 def test_the_environment_gets_all_settings_of_the_tasks():
     other = {"depth": 2, "max_attempts": 3, "reward": "official", "distractor_weighting": "uniform"}
-    other |= {"distractor_policy": "no_shortcut", "task_weighting": "goal", "ambiguity": "last"}
     other |= {"pays_held_out": True}
     tasks = TaskConfig(distractors=7, **other)
     assert all(

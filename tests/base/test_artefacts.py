@@ -222,6 +222,19 @@ def test_of_two_outputs_at_once_the_second_is_refused_unless_it_is_forced(
     assert list(tmp_path.iterdir()) == [out]
 
 
+def test_a_file_that_appears_at_the_last_moment_is_not_replaced(tmp_path, monkeypatch):
+    link = os.link
+
+    def link_late(source, target):
+        Path(target).write_text("first")
+        link(source, target)
+
+    monkeypatch.setattr(os, "link", link_late)
+    with pytest.raises(OutputExistsError, match="another process"):
+        to_a_file(tmp_path / "out", force=False)
+    assert (tmp_path / "out").read_text() == "first"
+
+
 def test_a_file_never_takes_the_place_of_a_folder_that_was_written_meanwhile(tmp_path):
     with pytest.raises(IsADirectoryError):
         to_a_file(tmp_path / "out", meanwhile=lambda: to_a_folder(tmp_path / "out"))

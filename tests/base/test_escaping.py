@@ -14,11 +14,10 @@ from wordcraft_kg.base.wording import (
     for_html,
     for_json,
     for_terminal,
-    look_alike_key,
 )
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-from leaderboard_page import for_markdown
+from leaderboard_page import for_markdown, look_alike_key
 
 pytest.importorskip("linkify_it")  # for MarkdownIt("gfm-like")
 from markdown_it import MarkdownIt

@@ -12,7 +12,6 @@ from wordcraft_kg.base import ConfigError, statistics
 from wordcraft_kg.base.statistics import (
     bootstrap,
     crossed_difference,
-    finite,
     holm,
     paired_difference,
     rate_interval,
@@ -152,50 +151,11 @@ REALS = (-math.inf, math.inf)
 """One case of each kind of interval, and one that must fail; `make slow` has all."""
 
 
-@pytest.mark.parametrize(
-    ("scores", "message"),
-    [
-        ([], "at least one"),
-        (np.zeros((3, 0)), "at least one"),
-        ([0.1, math.nan], r"scores\[1\]: nan"),
-        ([[0.1, 0.2], [math.inf, 0.2]], r"scores\[1, 0\]: inf"),
-        ([[0.1], [0.2, 0.3]], "same length"),
-        (["a", "b"], "numbers"),
-        (None, "scores"),
-    ],
-)
-def test_scores_that_cannot_be_summed_up_are_refused(scores, message):
-    with pytest.raises(ConfigError, match=message):
-        student_interval(scores)
-    with pytest.raises(ConfigError, match=message.replace("scores", "successes")):
-        task_bootstrap(scores, None)
-
-
-BY_TASK = r"expected \(tasks, attempts\)"
-REFUSED = [
-    *((task_bootstrap, (np.ones(shape), None), BY_TASK) for shape in ((), (2, 3, 4))),
-    *(
-        (call, (np.ones((2, 3)), groups), "expected one for each of")
-        for call in (task_bootstrap, rate_interval, crossed_difference)
-        for groups in ([0], np.zeros((3, 2)), range(4))
-    ),
-    *(
-        (task_bootstrap, (table, None), "expected")
-        for table in (np.ones(4), [[0, 2]], [[0.5, 1]], [[-1, 1]])
-    ),
-    *(
-        (call, (table, None), "scores")
-        for call in (crossed_difference, rate_interval)
-        for table in ([0.1], [], [[math.nan]])
-    ),
-    (paired_difference, (np.zeros((3, 1)), np.zeros((4, 1)), None), "of the same tasks"),
-]
-
-
-@pytest.mark.parametrize(("call", "arguments", "message"), REFUSED)
-def test_tables_of_another_shape_or_content_are_refused(call, arguments, message):
-    with pytest.raises(ConfigError, match=message):
-        call(*arguments)
+@pytest.mark.parametrize("call", [task_bootstrap, rate_interval, crossed_difference])
+@pytest.mark.parametrize("groups", [[0], np.zeros((3, 2)), range(4)])
+def test_another_number_of_groups_than_of_tasks_is_refused(call, groups):
+    with pytest.raises(ConfigError, match="expected one for each of"):
+        call(np.ones((2, 3)), groups)
 
 
 def test_a_paired_difference_is_that_of_a_slow_bootstrap():
@@ -272,8 +232,6 @@ def test_splits_that_are_alike_by_chance_leave_half_the_noise_of_their_tasks():
     low, high = rate_interval(np.ones((1, 60)), groups, splits)
     assert (low, high) == pytest.approx(wilson_interval(30, 30))
     with pytest.raises(ConfigError, match=r"groups of shape \(59,\)"):
-        crossed_difference(noise[None], groups[1:], splits)
-    with pytest.raises(ConfigError, match=r"groups of shape \(59,\)"):
         rate_interval(noise[None], None, splits[1:])
 
 
@@ -327,8 +285,3 @@ def test_holm_is_never_stricter_than_bonferroni_and_keeps_the_order(values):
         p <= q <= min(1.0, len(values) * p) + 1e-12 for p, q in zip(values, corrected, strict=True)
     )
     assert [corrected[i] for i in np.argsort(values, kind="stable")] == sorted(corrected)
-
-
-def test_a_number_too_large_for_a_float_is_refused():
-    with pytest.raises(ConfigError, match="scores: expected a table of numbers"):
-        finite("scores", [10**400])

@@ -156,7 +156,7 @@ def test_every_help_has_usage_examples_and_at_most_thirty_options(run):
 
 def test_options_that_no_guide_needs_are_named_for_the_file_alone(run):
     text = " ".join(run("train-agent", "--help").out.split())
-    assert "Further settings, by --config FILE in a table [train-agent]: ambiguity," in text
+    assert "Further settings, by --config FILE in a table [train-agent]: baseline_cost," in text
     assert " clip, " in text
     assert "--clip" not in text
 
@@ -410,7 +410,7 @@ BAD_VALUES = {
         "--distractors=many",
         "--depth=2",
     ],
-    "evaluate-agent {world}/graph": ["--agent=oracle"],
+    "evaluate-agent {world}/graph": ["--graph=kitchen"],
     "explain {world}/plain/seed-0": ["--episodes=0"],
     "discover kitchen": [
         *(
@@ -497,13 +497,12 @@ REFUSED = [
     ("evaluate-agent {world}/scorer", "written by train-complex; expected a run of train-agent"),
     ("evaluate-agent {world}/plain/seed-0 --graph paper-examples", "was trained on graph"),
     ("evaluate-agent {world}/plain/seed-0 --part valid", "valid"),
-    ("evaluate-agent {world}/plain/seed-0 --agent kg-only", "trained without a scorer"),
     ("evaluate-links {world}/plain/seed-0", "written by train-agent; expected a model"),
     ("explain {world}/plain/seed-0 --goal spaceship", "no entity 'spaceship'"),
     ("compare {world}/plain {world}/many", "plays with max_attempts"),
     ("compare", "needs run folders"),
     ("compare {world}/plain {world}/plain", "the same settings and seed"),
-    ("compare {world}/plain {world}/scorer", "cannot be compared"),
+    ("compare {world}/plain {world}/scorer", "expected a run of train-agent"),
     ("compare {world}/scorer", "two link predictors or more"),
     ("compare {trained}/graph", "is a graph folder"),
     ("discover kitchen --players recipe-learner", "needs a --scorer"),
@@ -526,7 +525,7 @@ REFUSED = [
     ("score {trained}/one ? componentOf ?", "has several open slots"),
     ("score {trained}/one ? componentOf", "has several open slots"),
     ("score {trained}/one", "--in"),
-    ("score {trained}/one flour", "--in"),
+    ("score {trained}/one flour", "cannot parse query 'flour'"),
     ("score {trained}/one flour combinesWith --in x.csv", "--in"),
     ("score {trained}/one flour combinesWith --out x", "--in"),
     ("score {trained}/one --in {trained}", "is not a file"),
@@ -537,8 +536,8 @@ REFUSED = [
     ("reproduce knowledge --book kitchen,./kitchen", "two books are called 'kitchen'"),
     ("reproduce no-such-study.toml", "no such file"),
     ("reproduce --show --out nothing", "is not a results folder"),
-    ("reproduce --show nothing.json", "no file of results"),
-    ("reproduce --show study.toml", "no file of results"),
+    ("reproduce --show nothing.json", "nothing.json"),
+    ("reproduce --show study.toml --out {trained}", "is not a results folder"),
     ("describe \udcff", "\\udcff' is not UTF-8. Rename the file or folder"),
     (
         "export kitchen --format=tsv --out=\udcff",

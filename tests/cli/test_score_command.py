@@ -130,10 +130,11 @@ def test_score_says_how_probable_triples_outside_training_are(printed, run, worl
         assert row.get("probability") == probability
     heading, *lines = run(*query).out.splitlines()
     assert heading.split() == ["score", "part", "triple", "probability"]
-    assert [line.endswith(" %") for line in lines] == [row["known"] != "train" for row in top]
+    has_probability = [line.count(".") == 2 for line in lines]
+    assert has_probability == [row["known"] != "train" for row in top]
     new = next(row for row in top if row["known"] == "new")
     single = run("score", model, new["slots"]["head"], "componentOf", "bread").out
-    assert f"  {100 * new['probability']:.2g} %" in single
+    assert f"  {new['probability']:.3f}" in single
     queries = put(
         f"head,relation,tail\n{new['slots']['head']},componentOf,bread\n_,componentOf,bread\n",
         "queries.csv",
@@ -298,7 +299,7 @@ def test_new_words_in_a_file_are_scored_and_unknown_words_refused(
     queries, out = tmp_path / "pairs.csv", tmp_path / "scores.csv"
     command = ("score", recipes_folder, "--in", queries, "--top", "2")
     queries.write_text("yogurt,combinesWith,water\nflour,combinesWith,flouurr\n")
-    says = "no entity 'flouurr'. Did you mean 'flour'"
+    says = f"{queries}, line 2: no entity 'flouurr'. Did you mean 'flour'"
     refused(*command, "--out", out, says=says, kind="UnknownEntityError")
     assert not out.exists()
     queries.write_text("yogurt,combinesWith,water\n_,componentOf,rice\nflour,combinesWith,yogurt\n")

@@ -159,7 +159,7 @@ def test_constraints_and_lock_file_pin_all_dependencies():
     locked = {name.lower().replace("_", "-"): pin for name, pin in locked.items()}
     project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
     # Extras that the fast tests do not need are not pinned.
-    unpinned = {name: [] for name in ("docs", "ray", "tensorboard", "trl", "wandb")}
+    unpinned = {name: [] for name in ("docs", "ray", "tensorboard", "trl")}
     extras = {**project["optional-dependencies"], **unpinned}
     lines = [*project["dependencies"], *(line for extra in extras.values() for line in extra)]
     direct = {re.split(r"[<>=\[]", line)[0] for line in lines} - {"wordcraft-kg"}

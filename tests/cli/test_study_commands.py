@@ -22,7 +22,11 @@ book = "kitchen"
 steps = 512
 distractors = 2
 [scorers.plain]
-command = "kernel"
+command = "train-complex"
+epochs = 1
+dim = 4
+folds = 2
+seed = 0
 [variants.none]
 [variants.guided]
 scorer = "plain"
@@ -53,7 +57,7 @@ def test_a_sweep_trains_missing_runs_and_writes_its_results(printed, run, study,
 def test_a_dry_run_lists_everything_and_does_nothing(run, study, tmp_path):
     found = run("reproduce", study, "--out", tmp_path / "results", "--dry-run")
     assert found.code == 0
-    assert "1 graph, 4 runs, 1 scorer; 6 to perform" in found.out
+    assert "6 tasks; 6 to perform" in found.out
     assert "guided, seed 1" in found.out
     assert not (tmp_path / "results").exists()
 
@@ -84,7 +88,7 @@ def test_the_list_has_every_study_with_trainings_and_source(printed, refused):
         ),
         ('[variants.none]\n[variants.guided]\nscorer = "plain"', "", "variants"),
         ("title =", "title", "not a TOML file"),
-        ('command = "kernel"', 'command = "kernle"', "Did you mean 'kernel'"),
+        ('"train-complex"', '"train-compelx"', "Did you mean 'train-complex'"),
         ('scorer = "plain"', 'scorer = "plan"', "Did you mean 'plain'"),
         ("", "", "is a file; expected a results folder"),
     ],
@@ -138,7 +142,7 @@ def test_json_has_all_figures_and_the_report(printed, run, file, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ("--out {folder}/empty", "has no results yet. Run a study first"),
+        ("--out {folder}/empty", "has results of no study yet; name a study"),
         ("x --out {folder}/empty", "has no study 'x'"),
         ("{folder}/broken.json", "damaged"),
         ("{folder}/none.json --plot", "no finished run"),

@@ -12,21 +12,28 @@ from wordcraft_kg.agents.players import recipe_oracle
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.envs.world import SHORTCUT_TRIES, World
-from wordcraft_kg.envs.world_config import RewardConfig, WordCraftConfig
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world_config import REWARDS, RewardConfig, WordCraftConfig
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_graph
 
 DEVICES = ("cpu", "torch:cpu")
 SEEN = ("goal", "task", "selection", "attempts_left", "table")
 GIVEN = ("reward", "over", "outcome", "by_plan", "illegal", "task")
-SHAPED = RewardConfig(wrong_pair_penalty=0.25, irrelevant_penalty=0.5, intermediate_reward=2.0)
-QUICK_CASES = ((1, "all", "sparse"), (2, "last", SHAPED), (3, "all", "official"))
-"""Each depth, ambiguity and reward; `make slow` has all combinations."""
+QUICK_CASES = ((1, "sparse"), (2, "shaped"), (3, "official"))
+"""Each depth and reward; `make slow` has all combinations."""
 QUICK_RESTORED = (
     ("cpu", "cpu", 16),
     ("cpu", "torch:cpu", 16),
     ("torch:cpu", "cpu", 16),
 )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def shaped():
+    """A reward with a value of its own for each part."""
+    REWARDS["shaped"] = RewardConfig(0.25, 0.5, 2.0)
+    yield
+    del REWARDS["shaped"]
 
 
 @pytest.fixture(scope="module")
@@ -155,29 +162,23 @@ def test_a_batch_on_the_kitchen_agrees_in_every_part(opened_kitchen, part):
 
 
 @pytest.mark.parametrize(
-    ("depth", "ambiguity", "reward"),
+    ("depth", "reward"),
     [
         pytest.param(*case, marks=[] if case in QUICK_CASES else pytest.mark.slow)
-        for case in product((1, 2, 3), ("all", "last"), ("sparse", "official", SHAPED))
+        for case in product((1, 2, 3), ("sparse", "official", "shaped"))
     ],
 )
-def test_a_batch_does_step_for_step_what_the_reference_does(ambiguous, depth, ambiguity, reward):
-    settings = {
-        "part": "all",
-        "depth": depth,
-        "ambiguity": ambiguity,
-        "reward": reward,
-        "num_tasks": 50,
-    }
+def test_a_batch_does_step_for_step_what_the_reference_does(ambiguous, depth, reward):
+    settings = {"part": "all", "depth": depth, "reward": reward, "num_tasks": 50}
     twins = Twins(ambiguous, 12, seed=depth, num_distractors=4, max_attempts=depth + 1, **settings)
     count = twins.run(60, np.random.default_rng(0))
     assert min(count["goal"], count["over"], count["illegal"]) > 3
-    assert depth == 1 or ambiguity == "last" or count["other way"] > 0
+    assert depth == 1 or count["other way"] > 0
 
 
 @pytest.mark.parametrize("depth", [1, 2, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_batch_of_sets_does_step_for_step_what_the_reference_does(sets, depth):
-    settings = {"part": "all", "depth": depth, "num_tasks": 50, "reward": SHAPED}
+    settings = {"part": "all", "depth": depth, "num_tasks": 50, "reward": "shaped"}
     twins = Twins(sets, 12, seed=depth, num_distractors=2, max_attempts=depth + 1, **settings)
     count = twins.run(100, np.random.default_rng(0), legal=0.97)
     assert min(count["goal"], count["over"], count["illegal"]) > 3
@@ -220,7 +221,7 @@ def test_a_set_knows_how_often_an_entity_was_picked(sets):
 
 @pytest.mark.parametrize(("book", "fewest_goals"), [("opened_kitchen", 25), ("opened_sets", 2)])
 def test_torch_arrays_give_the_same_as_numpy_arrays(request, book, fewest_goals):
-    settings = {"depth": 2, "num_distractors": 6, "reward": "official", "task_weighting": "goal"}
+    settings = {"depth": 2, "num_distractors": 6, "reward": "official"}
     opened = request.getfixturevalue(book)
     one, other = (batch(opened, 16, 3, device=device, **settings) for device in DEVICES)
     rng = np.random.default_rng(0)
@@ -315,55 +316,6 @@ def test_tables_hold_the_start_and_distractors_that_may_lie_there(opened_kitchen
         assert not distractors & (made | {goal})
 
 
-def pairs_to(goal, have, recipes, attempts):
-    """The pairs of entities at hand, or made by one attempt before, that make the goal by these
-    recipes."""
-    pairs = {(a, b) for a, b, result in recipes if result == goal and {a, b} <= have}
-    for first in {(a, b) for a, b, _ in recipes if {a, b} <= have and attempts > 1}:
-        there = have | {result for a, b, result in recipes if (a, b) == first and result != goal}
-        pairs |= {
-            (*first, *pair)
-            for pair in pairs_to(goal, there, recipes, 1)
-            if not have.issuperset(pair)
-        }
-    return pairs
-
-
-@pytest.mark.parametrize("tables", [50, pytest.param(500, marks=pytest.mark.slow)])
-@pytest.mark.parametrize(("depth", "attempts"), [(1, 1), (1, 2), (2, 2)])
-@pytest.mark.parametrize(
-    "policy", ["no_shortcut-all", "no_train_shortcut-test", "no_train_shortcut-train"]
-)
-def test_without_shortcuts_only_the_plans_make_the_goal(
-    ambiguous, opened_kitchen, depth, attempts, tables, policy
-):
-    policy, part = policy.split("-")
-    # The ambiguous graph is so dense that at depth 2 some goals have a shortcut with any
-    # distractors.
-    opened = ambiguous if attempts == 1 else opened_kitchen
-    settings = {"num_distractors": 3, "distractor_policy": policy, "max_attempts": attempts}
-    world = World(opened, WordCraftConfig(part=part, depth=depth, **settings))
-    recipes = opened.graph.recipes if policy == "no_shortcut" else opened.split.recipes("train")
-
-    def has_shortcut(task, table):
-        start = set(world.tasks.starts[task].tolist()) - {world.nothing}
-        ways = [
-            pairs_to(world.tasks.goals[task], have, recipes.tolist(), attempts)
-            for have in (start, set(table))
-        ]
-        return ways[0] != ways[1]
-
-    env = WordCraftEnv(world)
-    drawn = [
-        (env.state.task, env.state.table) for seed in range(tables // 5) if env.reset(seed=seed)
-    ]
-    assert not any(
-        has_shortcut(*row) for row in [*drawn, *drawn_tables(world, tables, at_once=tables)]
-    )
-    free = world.variant(distractor_policy="any", num_distractors=8)
-    assert any(has_shortcut(*row) for row in drawn_tables(free, 500))
-
-
 def test_the_place_on_the_table_says_nothing(opened_kitchen):
     world = World(opened_kitchen, WordCraftConfig(part="all", num_distractors=4))
     goal = int(np.argmax([len(set(row)) == 2 for row in world.tasks.starts.tolist()]))
@@ -372,13 +324,11 @@ def test_the_place_on_the_table_says_nothing(opened_kitchen):
     np.testing.assert_allclose(places / 6_000, 1 / 6, atol=0.02)
 
 
-@pytest.mark.parametrize("weighting", ["task", "goal"])
-def test_tasks_are_drawn_by_their_weights(opened_kitchen, weighting):
-    state = batch(opened_kitchen, 20_000, 4, part="test", task_weighting=weighting)
+def test_all_tasks_are_drawn_alike(opened_kitchen):
+    state = batch(opened_kitchen, 20_000, 4, part="test")
     counts = np.bincount(state.task, minlength=len(state.world.tasks))
-    expected = state.world.tasks.weights(weighting) * 20_000
-    assert np.abs(counts - expected).max() < 5 * np.sqrt(expected.max())
-    assert weighting == "task" or expected.std() > 0
+    expected = 20_000 / len(counts)
+    assert np.abs(counts - expected).max() < 5 * np.sqrt(expected)
 
 
 def played(state, rng, steps):
@@ -421,7 +371,7 @@ def test_a_step_changes_no_earlier_and_no_later_state(opened_kitchen, device):
     ],
 )
 def test_a_restored_state_goes_on_with_the_same_episodes(opened_kitchen, device, after, steps):
-    settings = {"depth": 2, "num_distractors": 4, "reward": "official", "task_weighting": "goal"}
+    settings = {"depth": 2, "num_distractors": 4, "reward": "official"}
     state, _ = played(
         batch(opened_kitchen, 6, 3, device=device, **settings), np.random.default_rng(0), steps
     )
@@ -538,25 +488,6 @@ def test_no_environments_and_missing_devices_are_refused(opened_kitchen):
     if not torch.cuda.is_available():
         with pytest.raises(ConfigError, match="no CUDA device"):
             batch(opened_kitchen, 1, device="cuda")
-
-
-@pytest.mark.parametrize(
-    "policy", [pytest.param("no_shortcut", marks=pytest.mark.slow), "no_train_shortcut"]
-)
-@pytest.mark.parametrize("tries", [10, pytest.param(SHORTCUT_TRIES, marks=pytest.mark.slow)])
-def test_a_table_without_shortcuts_that_cannot_be_is_given_up(
-    ambiguous, monkeypatch, tries, policy
-):
-    monkeypatch.setattr("wordcraft_kg.envs.world.SHORTCUT_TRIES", tries)
-    settings = {"part": "all", "depth": 2, "num_distractors": 8, "distractor_policy": policy}
-    world = World(ambiguous, WordCraftConfig(**settings))
-    expected = (
-        rf"`num_distractors` 8: found no distractors without a shortcut to 'e.*' in {tries} tries"
-    )
-    with pytest.raises(ConfigError, match=expected):
-        batch(world, 1)
-    with pytest.raises(ConfigError, match=expected):
-        WordCraftEnv(world).reset(seed=0)
 
 
 def test_a_posed_state_does_not_change_with_the_array_of_its_tasks():

@@ -108,12 +108,6 @@ def test_bins_hold_their_bounds_and_are_named_by_them():
     assert found == {"0": [0], "1–3": [1, 2, 3], "5–9": [9], "10+": [10, 1_000]}
 
 
-def test_the_name_of_the_last_bin_can_be_in_words():
-    assert [name for name, _ in binned(np.arange(3), ((2, OPEN_END),), more=" or more")] == [
-        "2 or more"
-    ]
-
-
 @pytest.fixture(scope="module")
 def home(tmp_path_factory):
     """A graph split by goal, and a model that learned from another book, which makes every second
@@ -143,7 +137,7 @@ def model(home):
 def test_a_model_folder_lists_the_goals_of_the_other_book(home, model):
     """A model folder lists the goals that the other book makes in a hashed file."""
     goals = {model.opened.graph.entities[goal] for goal in model.opened.split.recipes("test")[:, 2]}
-    assert model.made_by_other_books == frozenset(sorted(goals)[::2])
+    assert model.history.made_by_other_books == frozenset(sorted(goals)[::2])
     metrics = home / "model" / "metrics.json"
     before = metrics.read_text()
     values = json.loads(before)
@@ -169,7 +163,7 @@ def test_evaluate_agent_shows_both_kinds_of_goals(run, home, model):
     view = json.loads(outcome.out)
     world = World(model.opened, WordCraftConfig(part="test", num_distractors=2))
     goals = model.opened.graph.labels(world.tasks.goals)
-    made = np.array([goal in model.made_by_other_books for goal in goals])
+    made = np.array([goal in model.history.made_by_other_books for goal in goals])
     assert view["shares"] == {MADE: made.mean(), NOT_MADE: pytest.approx(1 - made.mean())}
     by_w = {row["goals"]: row for row in view["rows"] if row["player"] == f"model, {BEST_PAIR}"}
     tables = view["distractor_seeds"]

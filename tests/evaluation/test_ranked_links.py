@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import torch
-from helpers import refuses
 from msgspec.structs import asdict
 
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
@@ -33,14 +32,14 @@ def noise(data, seed):
     return TableScorer(scores, data.graph.entities, data.graph.hash, name=f"noise-{seed}")
 
 
-def compared(*models, **settings):
+def compared(*models):
     """Compare models of one run each."""
-    return compare([Contender(one.scorer.name, [one]) for one in models], **settings)
+    return compare([Contender(one.scorer.name, [one]) for one in models])
 
 
-def second(*models, **settings):
+def second(*models):
     """The figures of the second of two models."""
-    return compared(*models, **settings).models[1]
+    return compared(*models).models[1]
 
 
 @pytest.fixture
@@ -63,7 +62,6 @@ def facts(opened_kitchen):
 
 def test_a_model_that_knows_the_answers_is_significantly_better(facts, frequency):
     values = compared(frequency, facts)
-    assert values.models[1].probability_better == 1
     assert values.models[1].difference_ci[0] > 0
     assert values.models[1].mrr == 1
     assert (values.best, values.not_significant) == (facts.scorer.name, ())
@@ -76,7 +74,7 @@ def test_the_difference_is_that_of_the_mean_reciprocal_ranks(facts, frequency, o
         for one in (facts, frequency)
     ]
     metrics = [ranking_metrics(one) for one in ranks]
-    values = compared(facts, frequency, resamples=300, seed=1)
+    values = compared(facts, frequency)
     other = values.models[1]
     assert values.queries == metrics[0].queries == 2 * len(queries) == 2 * values.triples
     assert other.difference == pytest.approx(metrics[1].mrr - metrics[0].mrr)
@@ -84,7 +82,7 @@ def test_the_difference_is_that_of_the_mean_reciprocal_ranks(facts, frequency, o
     clusters = np.tile(
         triple_groups(opened_kitchen.split, opened_kitchen.split.is_in("test"), queries), 2
     )
-    assert found == asdict(with_interval(ranks[1], clusters, resamples=300, seed=1))
+    assert found == asdict(with_interval(ranks[1], clusters))
     assert other.difference_ci[0] <= other.difference <= other.difference_ci[1]
 
 
@@ -96,12 +94,6 @@ def test_of_very_many_queries_a_sample_is_ranked_and_said_to_be_one(
     monkeypatch.setattr(ranked_links, "MAX_QUERIES", 80)
     found = compared(frequency, frequency)
     assert (found.triples, found.queries, found.sampled_from) == (40, 80, everything)
-
-
-def test_the_comparison_is_determined_by_its_seed(noises):
-    _, one, two, _ = noises
-    assert compared(one, two, seed=3) == compared(one, two, seed=3)
-    assert second(one, two, seed=3).difference_ci != second(one, two, seed=4).difference_ci
 
 
 def test_more_models_widen_intervals_of_differences_only(noises):
@@ -172,7 +164,7 @@ def test_models_of_different_graphs_or_splits_are_refused(frequency, other):
         compared(frequency, model(FrequencyScorer(opened.graph, opened.graph.triples), opened))
 
 
-def test_a_split_without_unseen_triples_and_no_resamples_are_refused(frequency, opened_kitchen):
+def test_a_split_without_unseen_triples_is_refused(opened_kitchen):
     graph = opened_kitchen.graph
     data = OpenedGraph(graph, make_split(graph, SplitConfig(kind="none")), "unsplit")
     opened = model(FrequencyScorer(graph, graph.triples), data)
@@ -182,6 +174,3 @@ def test_a_split_without_unseen_triples_and_no_resamples_are_refused(frequency, 
     tiny = OpenedGraph(few, make_split(few, SplitConfig(kind="none")), "tiny")
     with pytest.raises(SplitError, match=r"in the whole graph; .* Use a [a-z ]* recipes\.$"):
         rank_links(FrequencyScorer(few, few.triples), tiny, kg="full")
-    for resamples in (0, -5):
-        with refuses("resamples"):
-            compared(frequency, frequency, resamples=resamples)

@@ -50,14 +50,14 @@ def test_suggestions_are_wanted_new_and_never_their_own_ingredient(model, graph,
     found = suggest(model, wish, 30)
     assert found.suggestions
     book = set(graph.recipe_labels())
-    recipes = [Recipe(each.ingredients, each.result) for each in found.suggestions]
+    recipes = [each.recipe for each in found.suggestions]
     assert not book.intersection(recipes)
     assert len(set(recipes)) == len(recipes)
     assert not any(recipe.is_self_result for recipe in recipes)
     for each in found.suggestions:
-        assert wish.goal in (None, each.result)
-        assert wish.item is None or wish.item in each.ingredients
-        assert not wish.pair or sorted(each.ingredients) == sorted(wish.pair)
+        assert wish.goal in (None, each.recipe.result)
+        assert wish.item is None or wish.item in each.recipe.ingredients
+        assert not wish.pair or each.recipe.ingredients == tuple(sorted(wish.pair))
         assert 0 < each.probability < 1
         assert (each.steps is None) == (not wish.table)
 
@@ -129,12 +129,12 @@ def test_listed_entities_lead_to_others_by_known_recipes_in_the_fewest_steps(mod
     table = ("water", "fire", "egg")
     found = suggest(model, Wish(table=table), 500)
     steps = layers(graph, table)
-    assert {graph.id_of(each.result): each.steps for each in found.made} == {
+    assert {graph.id_of(each.recipe.result): each.steps for each in found.made} == {
         entity: step for entity, step in enumerate(steps.tolist()) if step > 0
     }
     assert [each.steps for each in found.made] == sorted(each.steps for each in found.made)
     for each in (*found.made, *found.suggestions):
-        before = max(steps[graph.id_of(label)] for label in each.ingredients)
+        before = max(steps[graph.id_of(label)] for label in each.recipe.ingredients)
         assert each.steps == before + 1
     assert suggest(model, Wish(table=table), 2).num_made == len(found.made)
 

@@ -16,7 +16,7 @@ from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, read_book, writ
 from wordcraft_kg.graphs.book_files import book_name
 from wordcraft_kg.graphs.book_files.reader import BookRows
 from wordcraft_kg.graphs.book_files.texts import cells_of
-from wordcraft_kg.graphs.recipes import alike_labels, case_variants, check_label
+from wordcraft_kg.graphs.recipes import alike_labels, check_label
 
 TABLE = "ingredient_a,ingredient_b,result\n"
 
@@ -247,9 +247,8 @@ def test_entities_of_the_official_layout_that_no_recipe_mentions_are_idle(read):
     assert (book.idle, book.entities) == (("lone",), ("a", "b", "lone"))
 
 
-def test_case_variants_are_grouped_and_other_spellings_are_not():
+def test_labels_in_several_spellings_are_grouped():
     labels = ("LAVA", "Lava", "ice cream", "ice-cream", "lava", "\u2764", "\u2764\ufe0f", "C", "C-")
-    assert case_variants(labels) == [("LAVA", "Lava", "lava"), ("\u2764", "\u2764\ufe0f")]
     assert alike_labels(labels) == [
         ("LAVA", "Lava", "lava"),
         ("ice cream", "ice-cream"),

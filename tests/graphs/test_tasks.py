@@ -1,5 +1,4 @@
 import itertools
-from collections import Counter
 
 import numpy as np
 import pytest
@@ -200,15 +199,6 @@ def test_drawing_ends_when_no_new_task_comes_up():
     made = make_tasks(graph, 3, limit=50)
     assert [(task.goal, task.start) for task in made] == [("e", ("a", "b"))]
     assert not made.is_complete
-
-
-def test_weights_are_equal_for_all_tasks_or_for_all_goals(kitchen_tasks):
-    assert set(kitchen_tasks.weights()) == {1 / len(kitchen_tasks)}
-    by_goal = kitchen_tasks.weights("goal")
-    tasks_of = Counter(kitchen_tasks.goals.tolist())
-    expected = [1 / len(tasks_of) / tasks_of[goal] for goal in kitchen_tasks.goals.tolist()]
-    np.testing.assert_allclose(by_goal, expected)
-    assert by_goal.sum() == pytest.approx(1)
 
 
 def part_of(task, split):

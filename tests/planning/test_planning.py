@@ -68,6 +68,15 @@ def state_of(goal, table, **options):
     return tuple(torch.tensor(part, **options) for part in ([goal], [table], [0]))
 
 
+def untried(table):
+    """A mask of tried pairs, of none."""
+    return torch.zeros(*table.shape, table.shape[1], dtype=torch.bool)
+
+
+def values_of(search, goal, table, model, left):
+    return search.values(goal, table, model, torch.as_tensor(left), untried(table))
+
+
 def slow_log_probability(search, a, b, result, prior=0.0):
     """log P(result | a, b), by its definition."""
     knowledge = search.knowledge
@@ -131,7 +140,7 @@ def test_values_are_those_of_all_plans(seed, attempts):
     goal, table = seed, [(seed + 1) % SIZE, (seed + 3) % SIZE, (seed + 4) % SIZE]
     cache = {}
     state = torch.tensor([goal]), torch.tensor([[*table, SIZE]]), torch.tensor([0])
-    values = search.values(*state, torch.tensor([attempts]))[0]
+    values = values_of(search, *state, [attempts])[0]
     for i, j in itertools.product(range(3), repeat=2):
         pair = tuple(sorted((table[i], table[j])))
         best = slow_with_form(search, goal, frozenset(table), attempts, pair, cache)
@@ -139,7 +148,8 @@ def test_values_are_those_of_all_plans(seed, attempts):
         assert values[i, j] == pytest.approx(expected, abs=2e-3)  # features are half precision
     assert (values[3] == -torch.inf).all()
     pair = divmod(int(values.argmax()), 4)
-    steps = search.plan(goal, table, pair, model=0, attempts_left=attempts)
+    tried = untried(torch.tensor([table]))
+    steps = search.plan(goal, table, pair, model=0, attempts_left=attempts, tried=tried)
     assert steps[-1][2] == goal
     form = log_odds_of_form(steps) if attempts == 2 else 0
     assert form + sum(math.log(max(chance, 1e-13)) for *_, chance in steps) == pytest.approx(
@@ -161,8 +171,9 @@ def test_a_plan_is_carried_on_after_the_result_that_it_expects(seed):
     goal = seed % SIZE
     table = [(goal + step) % SIZE for step in (1, 2, 4)]
     state = state_of(goal, table)
-    first = divmod(int(search.values(*state, torch.tensor([2]))[0].argmax()), 3)
-    steps = search.plan(goal, table, first, model=0, attempts_left=2)
+    first = divmod(int(values_of(search, *state, [2])[0].argmax()), 3)
+    tried = untried(torch.tensor([table]))
+    steps = search.plan(goal, table, first, model=0, attempts_left=2, tried=tried)
     assert len(steps) == 2
     tried = torch.zeros(1, 4, 4, dtype=torch.bool)
     tried[0, first[0], first[1]] = tried[0, first[1], first[0]] = True
@@ -171,7 +182,7 @@ def test_a_plan_is_carried_on_after_the_result_that_it_expects(seed):
     at_hand = [*table, steps[0][2]]
     assert {at_hand[one], at_hand[other]} == {*steps[1][:2]}
     # After a pair that nobody planned, an ingredient of it costs as much as in a plan.
-    afresh = search.values(*state_of(goal, at_hand), torch.tensor([1]))[0]
+    afresh = values_of(search, *state_of(goal, at_hand), [1])[0]
     uses_again = torch.tensor([slot in first for slot in range(4)])
     uses_again = (uses_again[:, None] | uses_again).float()
     expected = (afresh + REUSED * uses_again).masked_fill(tried[0], NO_PLAN)
@@ -185,17 +196,17 @@ def test_a_batch_has_the_values_of_single_states():
     tables[::3, 3:] = SIZE
     goals, left = torch.from_numpy(rng.integers(SIZE, size=12)), torch.arange(12) % 5
     models = torch.zeros_like(goals)
-    values = search.values(goals, tables, models, left)
+    values = values_of(search, goals, tables, models, left)
     for row in range(12):
         one = slice(row, row + 1)
-        single = search.values(goals[one], tables[one], models[one], left[one])[0]
+        single = values_of(search, goals[one], tables[one], models[one], left[one])[0]
         torch.testing.assert_close(values[row], single, rtol=0, atol=1e-4)
 
 
 def test_a_plan_avoids_tried_pairs_as_its_value_does():
     search = random_search(1)
     goal, table = 0, [1, 2, 3]
-    pair = divmod(int(search.values(*state_of(goal, table), torch.tensor([1]))[0].argmax()), 3)
+    pair = divmod(int(values_of(search, *state_of(goal, table), [1])[0].argmax()), 3)
     tried = torch.zeros(1, 3, 3, dtype=torch.bool)
     tried[0, pair[0], pair[1]] = tried[0, pair[1], pair[0]] = True
     values = search.values(*state_of(goal, table), torch.tensor([3]), tried)[0]
@@ -212,7 +223,7 @@ def test_an_entity_alone_has_the_values_of_a_table_with_empty_slots():
     search = random_search(10, width=2)
     for left in (2, 3, 4):
         alone, padded = (
-            search.values(*state_of(0, [1, *empty]), torch.tensor([left]))[0, 0, 0]
+            values_of(search, *state_of(0, [1, *empty]), [left])[0, 0, 0]
             for empty in ([], [SIZE, SIZE])
         )
         assert alone == pytest.approx(float(padded), abs=1e-5)
@@ -326,9 +337,8 @@ def test_p_of_a_batch_follows_selection_and_attempts(scorer, opened):
     (p,) = make_sources(["p"], scorer)
     world = World(opened, WordCraftConfig(part="test", depth=2, num_distractors=2))
     states = states_of(BatchEngine(world, 50).pose(np.arange(50)))
-    values = p.search.values(
-        states.goal, states.table, torch.zeros(50, dtype=torch.int64), states.attempts.left
-    )
+    models = torch.zeros(50, dtype=torch.int64)
+    values = values_of(p.search, states.goal, states.table, models, states.attempts.left)
     empty = states.table == opened.graph.num_entities
     free = p(states)
     torch.testing.assert_close(free, values.amax(2).masked_fill(empty, 0), rtol=0, atol=1e-5)
@@ -386,10 +396,12 @@ def test_wrapped_environments_observe_p(opened: OpenedGraph):
 @pytest.mark.parametrize("attempts", [2, 3, 4])
 def test_of_equally_probable_plans_the_shortest_is_best(attempts):
     source = BestPlan.of_recipes(6, np.array([[0, 1, 4], [2, 3, 5]]))
-    values = source.search.values(*state_of(5, [0, 1, 2, 3]), torch.tensor([attempts]))[0]
+    goal, table, model = state_of(5, [0, 1, 2, 3])
+    values = values_of(source.search, goal, table, model, [attempts])[0]
     assert divmod(int(values.argmax()), 4) == (2, 3)
     assert (values[2, 3], values[0, 1]) == pytest.approx((0, -FURTHER))
-    assert len(source.search.plan(5, [0, 1, 2, 3], (0, 1), model=0, attempts_left=attempts)) == 2
+    options = {"model": 0, "attempts_left": attempts, "tried": untried(table)}
+    assert len(source.search.plan(5, [0, 1, 2, 3], (0, 1), **options)) == 2
 
 
 def test_one_ingredient_recipes_are_planned():
@@ -399,6 +411,7 @@ def test_one_ingredient_recipes_are_planned():
     assert make_split(graph, SplitConfig("none")).is_in("train").all()
     source = BestPlan.of_recipes(graph.num_entities, graph.recipes)
     start, goal = graph.id_of("seed"), graph.id_of("wood")
-    steps = source.search.plan(goal, [start], (0, 0), model=0, attempts_left=3)
+    tried = untried(torch.tensor([[start]]))
+    steps = source.search.plan(goal, [start], (0, 0), model=0, attempts_left=3, tried=tried)
     assert [graph.entities[made] for *_, made, _ in steps] == ["plant", "tree", "wood"]
     assert [chance for *_, chance in steps] == [1, 1, 1]

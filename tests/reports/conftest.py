@@ -24,7 +24,6 @@ def kitchen_report(kitchen_model):
         kitchen_model.opened,
         name="kitchen",
         provenance=kitchen_model.provenance,
-        trace=kitchen_model.trace,
     )
 
 

@@ -61,7 +61,7 @@ def text_of(html):
     return re.sub(r"\s+", " ", " ".join(Page(html).text))
 
 
-def link_report(scorer, opened, kg="partial", *, max_queries=MAX_QUERIES, seed=0, **more):
+def link_report(scorer, opened, kg="partial", *, max_queries=MAX_QUERIES, **more):
     """Evaluate a scorer and return its report, as ``evaluate-links`` does."""
-    links = rank_links(scorer, opened, kg, max_queries=max_queries, seed=seed)
-    return make_link_report(view_links(links, seed=seed, **more), links.labelled_ranks)
+    links = rank_links(scorer, opened, kg, max_queries=max_queries)
+    return make_link_report(view_links(links, **more), links.labelled_ranks)

@@ -8,7 +8,6 @@ import pytest
 from markupsafe import Markup, escape
 
 from wordcraft_kg.reports import charts
-from wordcraft_kg.reports.agent_report import contribution_bar
 from wordcraft_kg.reports.charts import COLOURS, DARK_SERIES, LIGHT_SERIES, ChartCurve
 
 LABEL = "<b>&\"'$x$</b>\u202e"
@@ -28,10 +27,6 @@ def axes_of(chart):
 
 def texts_of(root):
     return [text.text for text in root.iter("text")]
-
-
-def numbers_of(element, *names):
-    return [float(element.get(name)) for name in names]
 
 
 def straight(end, last=3e6):
@@ -150,18 +145,6 @@ def test_a_share_of_0_stands_at_the_end_of_the_logarithmic_axes():
     assert axes.get_xlim() == axes.get_ylim() == (1e-6, 1)
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
     assert lines_of(axes)[-1].tolist() == [[1e-6, 1e-4], [0.9, 1e-6]]
-
-
-def test_positive_contributions_go_right_and_negative_left():
-    """Positive contributions go right of the middle and negative ones left."""
-    numbers = {"alpha": 0, "u": 1, "v": 2}
-    bar = contribution_bar({"alpha": 1.0, "u": -2.0, "v": 3.0}, 4.0, numbers)
-    places = {
-        rect.find("title").text: numbers_of(rect, "x", "width") for rect in parse(bar).iter("rect")
-    }
-    assert places == {"alpha: 1.00": [70, 17.5], "u: -2.00": [35, 35], "v: 3.00": [87.5, 52.5]}
-    (alone,) = parse(contribution_bar({"v": 1.0}, 1.0, numbers)).iter("rect")
-    assert alone.get("class") == "series-2", "the colour does not depend on the others"
 
 
 def luminance(colour):

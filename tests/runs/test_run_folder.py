@@ -114,9 +114,9 @@ def fail():
 
 
 def interrupted(trainer, out, number=None, **options):
-    """A run that was stopped in its middle, or after a number; that of an agent raises nothing."""
+    """A run that was stopped in its middle, or after a number."""
     number = number or trainer.numbers[2]
-    with suppress(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt, match="Repeat the command"):
         trainer.train(out, progress=after(number, ctrl_c), **options)
     assert read_run(out).status == "interrupted"
     return out

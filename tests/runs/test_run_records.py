@@ -1,13 +1,14 @@
 """Run records: what they hold, what they keep quiet about, and what is verified with them; trackers of metrics."""
 
 import getpass
+import json
 import os
 import socket
 import sys
 import time
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from helpers import lines_of, refuses, resume
@@ -34,7 +35,6 @@ from wordcraft_kg.base import (
 )
 from wordcraft_kg.base.artefacts import locked
 from wordcraft_kg.runs.checkpoints import Checkpoints, train_in_processes
-from wordcraft_kg.runs.config_file import read_config, write_config
 from wordcraft_kg.runs.record import (
     RunFiles,
     check_done,
@@ -81,6 +81,14 @@ def test_a_run_says_with_which_versions_it_was_made(folder):
     versions = start_run(folder, "train-complex").versions
     assert versions["python"] == ".".join(str(part) for part in sys.version_info[:3])
     assert {"wordcraft-kg", "torch", "pykeen", "numpy"} <= set(versions)
+
+
+def test_a_record_of_an_earlier_version_is_read(folder):
+    start_run(folder, "train-agent")
+    values = json.loads((folder / "run.json").read_text())
+    values |= {"git": {"commit": "0" * 40, "dirty": True}, "missing_words": ["zqx"]}
+    (folder / "run.json").write_text(json.dumps(values))
+    assert read_run(folder).git == values["git"]
 
 
 def test_the_home_folder_in_arguments_becomes_a_tilde(folder, monkeypatch):
@@ -134,8 +142,7 @@ def test_a_run_is_still_running_while_its_folder_is_locked_and_else_was_stopped(
         refused("still running, and has written nothing.*Wait", finished)
         run = start_run(folder, "train-complex")
         refused("still running .train-complex, since .*not done. Wait", finished)
-        refused("still being written", weights)
-        refused("still running, and has no checkpoint", Checkpoints(folder, "epoch", dict).load)
+        refused("has no checkpoint", Checkpoints(folder, "epoch", dict).load)
     refused("stopped, by a kill or a crash, not done. Repeat the training", finished)
     refused("model.bin is missing; the folder is incomplete", weights)
     end_run(folder, run, "done", [])
@@ -208,12 +215,10 @@ def folder_of_config_file(tmp_path, monkeypatch):
 
 def written(features, folder_of_config_file):
     AgentConfig("kitchen", policy=PolicyConfig(features=features)).write(folder_of_config_file)
-    return str(read_config(folder_of_config_file)[1]["features"])
+    return AgentConfig.read(folder_of_config_file).policy.features
 
 
-@pytest.mark.parametrize(
-    "name", ["glove", "one-hot", "random", "learned", "shuffled:glove", "shuffled:learned"]
-)
+@pytest.mark.parametrize("name", ["glove", "one-hot", "random", "shuffled:glove"])
 def test_a_name_of_features_stays_though_a_file_is_called_so(folder_of_config_file, name):
     Path(name.removeprefix("shuffled:")).write_text("a file of mine")
     assert written(name, folder_of_config_file) == name
@@ -235,7 +240,6 @@ def test_a_file_of_features_is_found_from_the_run_s_folder(folder_of_config_file
     ("text", "source", "is_path"),
     [
         ("glove", "glove", False),
-        ("learned", "learned", False),
         ("shuffled:shuffled:random", "random", False),
         ("./glove", "./glove", True),
         ("shuffled:vec.txt", "vec.txt", True),
@@ -272,11 +276,11 @@ def test_what_is_written_is_read_back(folder_of_config_file, config):
 
 
 def test_a_file_that_says_the_same_is_left_alone(folder_of_config_file):
-    write_config(folder_of_config_file, "train-complex", {"graph": "kitchen"})
+    LinksConfig("kitchen").write(folder_of_config_file)
     before = (folder_of_config_file / "config.toml").stat().st_ino
-    write_config(folder_of_config_file, "train-complex", {"graph": "kitchen"})
+    LinksConfig("kitchen").write(folder_of_config_file)
     assert (folder_of_config_file / "config.toml").stat().st_ino == before
-    write_config(folder_of_config_file, "train-complex", {"graph": "everyday"})
+    LinksConfig("everyday").write(folder_of_config_file)
     assert "everyday" in (folder_of_config_file / "config.toml").read_text()
 
 
@@ -297,7 +301,7 @@ def test_a_file_that_says_the_same_is_left_alone(folder_of_config_file):
 def test_a_setting_of_another_type_or_out_of_range_is_named(folder_of_config_file, line, problem):
     graph = "" if line.startswith("graph") else 'graph = "kitchen"\n'
     (folder_of_config_file / "config.toml").write_text(f"[train-agent]\n{graph}{line}\n")
-    with pytest.raises(ArtefactError, match=rf"config\.toml is damaged.*{problem}"):
+    with pytest.raises(ArtefactError, match=rf"config\.toml(: this| is damaged).*{problem}"):
         AgentConfig.read(folder_of_config_file)
 
 
@@ -333,11 +337,11 @@ def test_the_file_of_a_made_up_book_stays_found_from_elsewhere(tmp_path, monkeyp
     monkeypatch.chdir(tmp_path)
     Path("book.csv").write_text("")
     Path("run").mkdir()
-    write_config(Path("run"), "train-agent", {"graph": "made-up-7:book.csv"})
-    assert read_config(Path("run"))[1]["graph"] == "made-up-7:book.csv"
+    AgentConfig("made-up-7:book.csv").write(Path("run"))
+    assert AgentConfig.read(Path("run")).graph == "made-up-7:book.csv"
     Path("below").mkdir()
     monkeypatch.chdir("below")
-    assert read_config(Path("../run"))[1]["graph"] == "made-up-7:../book.csv"
+    assert AgentConfig.read(Path("../run")).graph == "made-up-7:../book.csv"
 
 
 LINKS = LinksConfig("kitchen", ComplExConfig(dim=4, epochs=3, n3=0.1, checkpoint_every=1, folds=0))
@@ -410,37 +414,14 @@ def test_an_unknown_tracker_is_an_error_with_the_nearest_names(tmp_path):
 @pytest.mark.parametrize("train", [train_links, train_agent])
 def test_a_missing_library_names_the_extra(train, name, tmp_path, monkeypatch):
     """A missing library is an error that names the extra and leaves nothing."""
-    monkeypatch.setitem(sys.modules, TRACKERS[name].library, None)
+
+    def missing(name):
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr("wordcraft_kg.base.extras.version", missing)
     with pytest.raises(MissingExtraError, match=rf"pip install '{name}>="):
         train(LINKS if train is train_links else AGENT, tmp_path / "run", trackers=[name])
     assert not list(tmp_path.iterdir())
-
-
-def test_wandb_gets_settings_and_metrics_offline(tmp_path, monkeypatch):
-    """Wandb gets settings and figures offline and nothing of the machine."""
-    begun = []
-    rows = []
-    ended = []
-
-    def init(**options):
-        begun.append(options)
-        return SimpleNamespace(
-            log=lambda values, step: rows.append((step, values)),
-            finish=lambda exit_code: ended.append(exit_code),
-        )
-
-    stand_in = SimpleNamespace(Settings=lambda **settings: settings, init=init)
-    monkeypatch.setitem(sys.modules, "wandb", stand_in)
-    notes = Notes()
-    train_links(LINKS, tmp_path / "model", trackers=["wandb", notes])
-    assert read_run(tmp_path / "model").trackers == ("wandb",)
-    assert rows == notes.rows
-    assert ended == [0]
-    (options,) = begun
-    assert options["config"] == LinksConfig.read(tmp_path / "model").values()
-    settings = options["settings"]
-    assert (settings["mode"], settings["root_dir"]) == ("offline", str(tmp_path / "model"))
-    assert (settings["host"], settings["username"], settings["x_disable_meta"]) == ("", "", True)
 
 
 @dataclass(frozen=True)
@@ -455,7 +436,8 @@ class Light:
         if self.how == "is killed":
             os.kill(os.getpid(), 9)
         if self.how == "takes long":
-            time.sleep(60)
+            # Longer than any load delays the end of the others.
+            time.sleep(600)
         if self.how != "works":
             raise (
                 ConfigError("`dim` 0")
@@ -488,7 +470,7 @@ def test_an_error_and_the_death_of_a_process_are_told_and_end_the_others(how, ki
     began = time.monotonic()
     with pytest.raises(kind, match=said):
         train_in_processes([Light(0, how), Light(1, "takes long")], 2, lambda *_: None)
-    assert time.monotonic() - began < 30
+    assert time.monotonic() - began < 300
 
 
 def test_an_interruption_ends_the_processes_at_once():
@@ -502,4 +484,4 @@ def test_an_interruption_ends_the_processes_at_once():
 
     with pytest.raises(KeyboardInterrupt):
         train_in_processes([Light(0, "takes long"), Light(1, "takes long")], 2, press)
-    assert time.monotonic() - began < 30
+    assert time.monotonic() - began < 300

@@ -18,15 +18,15 @@ steps = 512
 [grid]
 distractors = [2, 1]
 [scorers.partial]
-command = "neighbours"
+command = "train-complex"
+epochs = 2
+dim = 4
+folds = 3
+seed = 0
 [variants.none]
 [variants.guided]
 scorer = "partial"
 """
-
-
-TRAINED = TEXT.replace('"neighbours"', '"train-complex"\nepochs = 2\ndim = 4\nfolds = 3')
-"""The same with a scorer that is trained, which takes seconds."""
 
 
 def small_plan(more="", name="small", text=TEXT):

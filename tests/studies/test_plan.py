@@ -25,7 +25,8 @@ from wordcraft_kg.studies.study import (
     read_study,
 )
 
-TEXT = small_study.TRAINED
+TEXT = small_study.TEXT.replace("seed = 0\n", "")
+"""A study whose agents have a scorer of their own seed each."""
 small_plan = partial(small_study.small_plan, text=TEXT)
 
 
@@ -128,11 +129,11 @@ def test_what_a_study_leaves_out_has_the_default_of_the_command():
 
 
 def test_a_study_trains_with_the_papers_preset_unless_it_names_another():
-    text = 'title = "x"\nseeds = 1\n[settings]\ndepth = 2\n[scorers.facts]\ncommand = "facts"\n'
-    same = '\nscorer = "facts"\nunroll = 2\nscale = "ranks"'
+    text = 'title = "x"\nseeds = 1\n[settings]\ndepth = 2\n[scorers.partial]\ncommand = "train-complex"\n'
+    same = '\nscorer = "partial"\nunroll = 2\nscale = "ranks"'
     text += f"[variants.old]{same}\n"
     text += f'[variants.ours]{same}\npreset = "recommended"\n'
-    text += '[variants.all]\nscorer = "facts"\npreset = "recommended"'
+    text += '[variants.all]\nscorer = "partial"\npreset = "recommended"'
     plan = small_plan(text=text)
     old, ours, every = plan.runs
     assert len({old, ours, every}) == 3
@@ -163,7 +164,6 @@ def test_defaults_are_those_that_addresses_stand_for():
         128,
         0.3,
         0.5,
-        50,
         "u,v",
         0,
         False,
@@ -193,7 +193,7 @@ def test_defaults_are_those_that_addresses_stand_for():
         1,
     )
     expected = {
-        TaskConfig: (1, 8, None, "sparse", "use", "any", "task", "all", False),
+        TaskConfig: (1, 8, None, "sparse", "use", False),
         PolicyConfig: (*policy, False, "softmax", False),
         ImpalaConfig: (*trainer, 10_000, 100_000, 100_000),
         SplitConfig: ("by-recipe", 0.8, 0.0, 0),
@@ -239,14 +239,11 @@ def test_defaults_are_those_that_addresses_stand_for():
         ('[variants.odd]\nkg_only = true', "`kg_only` configures the use of a scorer"),
         ('[variants.odd]\nsplit = "none"', "has no test tasks to compare agents on"),
         ('[variants.odd]\nuse = 3', "`use` 3: expected text"),
-        ('[variants.odd]\nunroll = "long"', "`unroll` 'long': expected a number"),
+        ('[variants.odd]\nunroll = "long"', "`unroll` 'long': expected a whole number"),
         ('[variants.odd]\ntrain_ratio = "most"', "`train_ratio` 'most': expected a number"),
         ('[variants.odd]\nin_sample = 1', "`in_sample` 1: expected true or false"),
+        ('[variants.odd]\nplayer = "planner"', "give it a scorer"),
         ('[variants.odd]\nfeatures = "glvoe"', "`features` 'glvoe': expected a file"),
-        (
-            '[variants.odd]\nscorer = "odd"\n[scorers.odd]\ncommand = "facts"\nkg = "ful"',
-            "Did you mean 'full'",
-        ),
         (
             '[variants.odd]\nscorer = "odd"\n[scorers.odd]\ncommand = "train-links"\nmodel = 3',
             "`model` 3",
@@ -257,7 +254,6 @@ def test_defaults_are_those_that_addresses_stand_for():
             "no setting 'scorer.model'",
         ),
         ('[variants.odd]\nplayer = "planner"\nscorer = "partial"', "by a recipe scorer"),
-        ('[variants.odd]\nplayer = "nearest words"\nfeatures = "learned"', "cannot be 'learned'"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_before_anything_starts(more, said):
@@ -275,6 +271,12 @@ def test_each_training_may_have_its_own_split():
     assert (len(first), len(second), len(first | second)) == (1, 1, 2)
     seeds = {plan.tasks[graph].settings["split"]["seed"] for graph in first | second}
     assert seeds == {0, 1}
+
+
+@pytest.mark.parametrize("values", ["[]", "[2, 1, 2]"])
+def test_a_grid_needs_different_values(values):
+    with pytest.raises(ConfigError, match="at least one value, and none twice"):
+        parse_study(TEXT.replace("[2, 1]", values), "mine.toml")
 
 
 def test_a_split_seed_beside_a_split_for_each_training_is_refused():
@@ -339,44 +341,16 @@ def test_a_built_in_study_is_read_and_says_what_it_compares(name):
     assert len(cells_of(study)) == len(points_of(study)) * len(study.variants) * study.seeds
 
 
-def test_points_are_crossed_with_the_grid_and_keep_their_order():
-    more = (
-        '[[points]]\nsplit = "by-goal"\ntrain_ratio = 0.1\n[[points]]\nsplit = '
-        '"by-slot"\ntrain_ratio = 0.8'
-    )
-    study = parse_study(SMALL + more, "x")
-    expected = [
-        (*split, amount) for split in (("by-goal", 0.1), ("by-slot", 0.8)) for amount in (2, 1)
-    ]
-    assert [tuple(point.values()) for point in points_of(study)] == expected
-    assert cells_of(study)[0].settings == {
-        "book": "kitchen",
-        "split": "by-goal",
-        "train_ratio": 0.1,
-        "distractors": 2,
-    }
-
-
 @pytest.mark.parametrize(
     ("extra", "said"),
     [
-        (
-            '[[points]]\nsplit = "by-goal"\n[[points]]\nbook = "kitchen"',
-            r"points\[1\] has book, points\[0\] has split",
-        ),
-        (
-            '[[points]]\nsplit = "by-goal"\n[[points]]\nsplit = "by-goal"',
-            "the point 'split by-goal, 2 distractors' is there twice",
-        ),
-        ("[[points]]\ndistractors = 3", r"points\[0\].distractors is also in the grid"),
-        ('[[points]]\nsplti = "by-goal"', r"unknown setting 'points\[0\].splti'.*split"),
-        ('[[points]]\nscorer = "partial"', "variants.guided.scorer is also in the grid"),
-        ('[variants.chance]\nplayer = "dice"', "player is 'dice'; expected one of random pair"),
-        ('[variants.alone]\nplayer = "planner"', "plays by a scorer; give `scorer`"),
+        ('[search]\nscorer = ["partial"]', "variants.guided.scorer is also in the grid or search"),
+        ('[variants.chance]\nplayer = "dice"', "player` 'dice': expected one of random pair"),
         ('[variants.chance]\nplayer = "random pair"\nunroll = 3', "unroll is for an agent"),
+        ('[variants.odd]\nscorer = "patrial"', "Did you mean 'partial'"),
         (CLAIM, "needs either 'right', a variant, or 'than'"),
         (CLAIM + 'right = "none"\nthan = 1.0', "needs either 'right', a variant, or 'than'"),
-        (CLAIM + 'right = "nnoe"', "names an unknown variant 'nnoe'.*none"),
+        (CLAIM + 'right = "nnoe"', "variant` 'nnoe': expected one of.*Did you mean 'none'"),
         (CLAIM + 'right = "none"\nexpected = "comparable"', "how close is comparable"),
         (CLAIM + 'than = 1.0\nmeasure = "steps"', "give 'right'"),
         (CLAIM + 'right = "none"\nat = { distractors = 8 }', "not a grid point"),
@@ -385,6 +359,6 @@ def test_points_are_crossed_with_the_grid_and_keep_their_order():
         (CLAIM + 'right = "none"\nhow = "better"', "unknown field 'how'"),
     ],
 )
-def test_what_is_wrong_with_points_and_claims_is_named(extra, said):
+def test_what_is_wrong_with_variants_and_claims_is_named(extra, said):
     with pytest.raises(ConfigError, match=said):
         parse_study(SMALL + extra, "mine.toml")

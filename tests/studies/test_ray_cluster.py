@@ -78,7 +78,7 @@ def test_vectors_that_changed_since_the_plan_fail_with_the_reason(put, tmp_path)
     vectors.write_text(vectors.read_text().replace("1 2", "2 1"))
     (task, *_) = (task for task in plan.tasks.values() if task.title.startswith("own"))
     graph = plan.tasks[task.needs[0]]
-    make_graph(graph, tmp_path, plan.books[graph.address])
+    make_graph(graph, tmp_path)
     outcome = perform(task, tmp_path)
     assert outcome.termination == "failed"
     assert f"the vectors of '{vectors}' have changed since the study was planned" in outcome.error

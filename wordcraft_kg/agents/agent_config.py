@@ -21,12 +21,10 @@ from wordcraft_kg.base.settings import (
 )
 from wordcraft_kg.envs.world_config import (
     REWARDS,
-    Ambiguity,
-    DistractorPolicy,
     DistractorWeighting,
     WordCraftConfig,
 )
-from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
+from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.policies.sources import need_no_scorer
 from wordcraft_kg.runs.config_file import RunConfig
@@ -103,11 +101,6 @@ class TaskConfig:
             released code), or a plugin's; success counts only goals in all cases.
         distractor_weighting: sample distractors by use (weight 1 + number of train recipes that
             use the entity as an ingredient) or uniform.
-        distractor_policy: any; no_shortcut, so that no distractor opens an additional way to the
-            goal; or no_train_shortcut, so that none opens an additional way by train recipes alone.
-        task_weighting: sample train tasks by task (uniformly) or by goal (first a goal, then a task
-            with this goal).
-        ambiguity: all results of a pair, or only the last (as in the paper's released code).
         pays_held_out: let held-out pairs make their results in training too, as the paper's
             released code does. Such an agent is paid for test recipes: for comparison only.
 
@@ -124,9 +117,6 @@ class TaskConfig:
     max_attempts: int | None = None
     reward: str = "sparse"
     distractor_weighting: DistractorWeighting = WordCraftConfig.distractor_weighting
-    distractor_policy: DistractorPolicy = WordCraftConfig.distractor_policy
-    task_weighting: TaskWeighting = WordCraftConfig.task_weighting
-    ambiguity: Ambiguity = WordCraftConfig.ambiguity
     pays_held_out: bool = False
 
     def __post_init__(self) -> None:
@@ -274,14 +264,8 @@ class ImpalaConfig:
 
     @property
     def unroll_steps(self) -> int:
-        """Steps per environment and update.
-
-        Raises:
-            ConfigError: if ``unroll`` is left to the tasks, see :meth:`for_episodes`.
-        """
-        if self.unroll is None:
-            raise ConfigError("`unroll` depends on the tasks: call `for_episodes`, or set it.")
-        return self.unroll
+        """Steps per environment and update; those of one attempt while they are open."""
+        return self.unroll or 2
 
     @property
     def first_rate(self) -> float:
@@ -295,20 +279,12 @@ class ImpalaConfig:
 
     @property
     def steps_per_update(self) -> int:
-        """Environment steps per update, in all environments together.
-
-        Raises:
-            ConfigError: if ``unroll`` is left to the tasks, see :meth:`for_episodes`.
-        """
+        """Environment steps per update, in all environments together."""
         return self.num_envs * self.unroll_steps
 
     @property
     def updates(self) -> int:
-        """Number of updates in the whole training.
-
-        Raises:
-            ConfigError: if ``unroll`` is left to the tasks, see :meth:`for_episodes`.
-        """
+        """Number of updates in the whole training."""
         # Rounded up, by whole numbers, which are exact at any size.
         return (self.steps + self.steps_per_update - 1) // self.steps_per_update
 

@@ -5,9 +5,13 @@ hashes in ``run.json``, and damage is an ArtefactError that names the file.
 """
 
 import logging
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from wordcraft_kg.agents.agent_config import AgentConfig
 from wordcraft_kg.agents.agent_records import (
@@ -20,23 +24,25 @@ from wordcraft_kg.agents.agent_records import (
 from wordcraft_kg.base import GraphMismatchError, WordCraftKGError, read_small_file
 from wordcraft_kg.base.tensors import with_prefix
 from wordcraft_kg.graphs.graph_folder import GraphLike, OpenedGraph
-from wordcraft_kg.models.model_folder import read_history
+from wordcraft_kg.models.model_folder import open_model, read_history
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.policy_folder import load_policy, read_policy
 from wordcraft_kg.models.policies.sources import W
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
+from wordcraft_kg.models.scorers.scorer_folder import WEIGHTS
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.record import RunFiles, RunRecord, run_name
 from wordcraft_kg.runs.run_folder import RunKind
 
 AGENTS = RunKind(AgentConfig.commands, "agent", unit="step", progress=AgentProgress)
-_METRICS = "metrics.jsonl"
+METRICS_FILE = "metrics.jsonl"
+"""Name of the file with the training's metrics, a line for each point in time."""
 INPUTS = ("policy.json", "constants.safetensors")
 """Files in a run folder that never change during training; ``run.json`` hashes them."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class AgentRun:
     """The records in an agent's run folder, finished or not, without graph and weights.
 
@@ -72,7 +78,7 @@ class AgentRun:
         return facts | {name: run.inputs[name] for name in inputs if name in run.inputs}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OpenedAgent(AgentRun):
     """An agent ready for evaluation.
 
@@ -105,21 +111,34 @@ class OpenedAgent(AgentRun):
     def made_by_other_books(self) -> frozenset[str] | None:
         """Labels that another book in the scorer's training makes.
 
-        None without another book, or if the scorer's folder is gone. A folder that has changed
-        gives a warning.
+        None without another book, or if the scorer's folder has moved or changed.
         """
-        scorer = self.config.scorer
-        weights = self.run.inputs.get("scorer")
-        if scorer is None or weights is None:
+        if self.config.scorer is None:
             return None
-        if not Path(scorer).is_dir():
-            return None
-        try:
-            history = read_history(scorer, weights)
-        except WordCraftKGError as error:
-            logging.getLogger(__name__).warning("no results by goals of other books: %s", error)
-            return None
-        return None if history is None else history.made_by_other_books
+        with suppress(WordCraftKGError):
+            history = read_history(self.config.scorer, self.run.inputs.get("scorer", ""))
+            return None if history is None else history.made_by_other_books
+        return None
+
+    @cached_property
+    def trained_on(self) -> NDArray[np.bool_]:
+        """Recipes that the scorer was trained on, shape (num_recipes,).
+
+        If the scorer's folder has moved or changed, with a warning all recipes of the recorded
+        kind, such as all train recipes, of which the training may have had a sample.
+        """
+        if self.config.scorer is not None:
+            with suppress(WordCraftKGError):
+                model = open_model(self.config.scorer, self.opened.source)
+                if model.run.outputs[WEIGHTS] == self.run.inputs.get("scorer"):
+                    return model.train_sample.is_trained_on & ~model.train_sample.is_wrong
+            logging.getLogger(__name__).warning(
+                "the scorer's folder '%s' has moved or changed: recipes count as in-sample by the "
+                "record of the run (knowledge graph: %s), even if the scorer had a sample of them.",
+                self.config.scorer,
+                self.run.kg,
+            )
+        return self.opened.train_sample(self.run.kg or "none").is_trained_on
 
 
 def read_agent_run(folder: str | Path) -> AgentRun:
@@ -135,11 +154,11 @@ def read_agent_run(folder: str | Path) -> AgentRun:
     config = AgentConfig.read(folder)
     name = run_name(folder)
     if files.run.status == "done":
-        metrics = read_metrics(files.bytes(_METRICS), folder / _METRICS)
+        metrics = read_metrics(files.bytes(METRICS_FILE), folder / METRICS_FILE)
         return AgentRun(name, "final", config, files.run, metrics, read_summary(files))
     last = next(iter(AGENTS.checkpoints(folder).records()), None)
     checkpoint = "" if last is None else f"step {last:,}"
-    path = folder / _METRICS
+    path = folder / METRICS_FILE
     lines = read_small_file(path) if path.exists() else b""
     # Another process may be writing the last line at this moment.
     complete = lines[: lines.rfind(b"\n") + 1]

@@ -23,7 +23,7 @@ from typing import Any, ClassVar
 import msgspec
 
 from wordcraft_kg.agents.agent_config import AgentConfig
-from wordcraft_kg.agents.agent_folder import AGENTS, INPUTS, policy_at
+from wordcraft_kg.agents.agent_folder import AGENTS, INPUTS, METRICS_FILE, policy_at
 from wordcraft_kg.agents.agent_records import (
     EPISODES_FILE,
     TERMINATION_REASONS,
@@ -50,7 +50,6 @@ from wordcraft_kg.envs.draws import MOST_TASKS
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import SPLITS, OpenedGraph, RecipeGraph, TaskPart
 from wordcraft_kg.models.model_folder import open_model
-from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.policy_folder import (
     make_policy,
     usage,
@@ -72,7 +71,7 @@ OUTPUTS = (
     "policy.json",
     "constants.safetensors",
     "evaluation.json",
-    "metrics.jsonl",
+    METRICS_FILE,
 )
 """Files in a run folder that the end of training adds or completes; ``run.json`` hashes them."""
 # Minimum share of pairs of an entity with itself for a warning about self edges.
@@ -85,18 +84,11 @@ class TrainedAgent:
 
     Attributes:
         folder: run folder.
-        step: number of environment steps so far.
-        summary: final evaluation; None for an interrupted run, which the same call would continue.
+        summary: final evaluation.
     """
 
     folder: Path
-    step: int
-    summary: AgentSummary | None
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether Ctrl-C ended the run."""
-        return self.summary is None
+    summary: AgentSummary
 
 
 def train_agent(
@@ -113,12 +105,12 @@ def train_agent(
         config: all settings.
         out: run folder. Default: ``runs/<graph name>-<scorer folder or no-kg>``.
         force: train anew and replace the folder.
-        trackers: places to which the lines of metrics go too, by name (tensorboard, wandb)
+        trackers: places to which the lines of metrics go too, by name (tensorboard)
             or as objects.
         progress: called after each line of metrics; True shows a bar, None or False nothing.
 
     Returns:
-        The run folder and, unless interrupted, the final evaluation.
+        The run folder and the final evaluation.
 
     Raises:
         OutputExistsError: if the folder holds other files or a finished run, and ``force`` is
@@ -133,12 +125,13 @@ def train_agent(
         RecipeFileError: if there is no such graph, or a book cannot be read.
         TaskError: if the split has no train tasks for these settings.
         LeakError: if a model of the scorer has seen all recipes of a train task's plan.
+        KeyboardInterrupt: after Ctrl-C; the same call continues the run.
 
     Example:
         >>> trainer = ImpalaConfig(steps=1_024, eval_every=0)
         >>> config = AgentConfig("kitchen", "models/kitchen", trainer=trainer)
         >>> trained = train_agent(config, "runs/kitchen")
-        >>> trained.step
+        >>> trained.summary.steps
         1024
     """
     config.check_preset()
@@ -160,7 +153,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         config_type: type of the settings.
         policy: the policy in training, after :meth:`prepare` or from a checkpoint.
         impala: the trainer, from :meth:`fit` on.
-        metrics: ``metrics.jsonl`` and trackers.
+        metrics: path of ``metrics.jsonl``.
         seconds: seconds of training so far, without evaluation and writing.
     """
 
@@ -261,7 +254,12 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             if folds is not None and not config.policy.in_sample:
                 self.facts["cross_fitted"] = folds.count
             elif model.kg == "partial":
-                _warn_of_in_sample_scores(config)
+                is_set = config.policy.in_sample
+                logging.getLogger(__name__).warning(
+                    "%s, so scores for train tasks are in-sample, and the agent learns to trust "
+                    "the scorer too much. Use a scorer with `folds` 5, and no `in_sample`.",
+                    "`in_sample` is set" if is_set else "the scorer has no folds",
+                )
             _warn_of_self_pairs(self.opened.graph, config)
         self.policy, features = make_policy(
             config.policy,
@@ -279,9 +277,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             plan.weigh(weights)
         hashes = self.input_hashes(config)
         inputs = {name: value for name, value in hashes.items() if value is not None}
-        if features is not None:
-            inputs["features"] = features.sha256
-            self.facts["missing_words"] = tuple(features.missing_words)
+        inputs["features"] = features.sha256
         self.facts["inputs"] = inputs
         self.facts["plugins"] = config.plugins | SPLITS.plugins(self.opened.split.config.kind)
 
@@ -300,7 +296,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         log: Log,
         checkpoint: Checkpoint[AgentProgress] | None,
     ) -> TrainedAgent:
-        """Train to the end, or to the first Ctrl-C.
+        """Train to the end.
 
         Args:
             run: the run's folder, record and checkpoints.
@@ -309,9 +305,10 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             checkpoint: state to continue from; None for a new run.
 
         Returns:
-            The run folder and, unless interrupted, the final evaluation.
+            The run folder and the final evaluation.
 
         Raises:
+            KeyboardInterrupt: after Ctrl-C, when a checkpoint is saved.
             ArtefactError: if the checkpoint does not fit the run, or a file has changed.
             TrainingError: if the loss is no longer finite; the last checkpoint stays.
             ConfigError: if the settings do not fit the graph or the machine.
@@ -345,8 +342,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             if run.checkpoints.last != self.step:
                 self._save()
             if self.impala.update_number < trainer.updates:
-                run.interrupt()
-                return TrainedAgent(run.path, self.step, None)
+                raise KeyboardInterrupt
             return self._finish()
 
     def _start(
@@ -363,31 +359,35 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         self.run = run
         self.report = report
         self.impala = Impala(self.policy, self.envs, self.config.trainer)
-        self.metrics = MetricsFile(run.path, self.envs.world, log)
+        self.metrics = run.path / METRICS_FILE
+        if self.metrics.is_symlink():  # through which another run would be written to
+            raise ArtefactError(
+                f"{self.metrics} is a link; expected a file. Train again with `force`."
+            )
+        self._track = log
+        self._curves = evaluators(self.envs.world, curve=True)
         self.seconds = 0.0
         # Step and seconds of the last line of metrics, for the speed since then.
         self._logged = (0, 0.0)
         if checkpoint is not None:
+            progress = checkpoint.progress
+            self.seconds = progress.seconds
+            self._begun -= progress.elapsed
             with run.restoring():
-                self._restore(checkpoint)
+                self.impala.restore(checkpoint.tensors)
+                if self.step != checkpoint.number:
+                    raise ValueError(f"the checkpoint has step {self.step:,}")
+                # Lines after the checkpoint will be written again.
+                if self.metrics.stat().st_size < progress.metrics_bytes:
+                    raise ValueError(f"{METRICS_FILE} is shorter than at the checkpoint")
+                os.truncate(self.metrics, progress.metrics_bytes)
+            self._logged = (self.step, self.seconds)
             run.resume(self.config)
 
     @classmethod
     def outcome(cls, files: RunFiles) -> TrainedAgent:  # noqa: D102 - inherited
         summary = read_summary(files)
-        return TrainedAgent(files.folder, summary.steps, summary)
-
-    def _restore(self, checkpoint: Checkpoint[AgentProgress]) -> None:
-        self.impala.restore(checkpoint.tensors)
-        if self.step != checkpoint.number:
-            raise ValueError(f"the checkpoint has step {self.step:,}")
-        progress = checkpoint.progress
-        self.seconds = progress.seconds
-        self.metrics.eval_seconds = progress.eval_seconds
-        self._begun -= progress.elapsed
-        # Lines after the checkpoint will be written again.
-        self.metrics.cut(progress.metrics_bytes)
-        self._logged = (self.step, self.seconds)
+        return TrainedAgent(files.folder, summary)
 
     def _in_updates(self, steps: int) -> int:
         """Return a number of environment steps as a number of updates, 1 or more."""
@@ -401,10 +401,16 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         self._logged = (self.step, self.seconds)
         row: dict[str, Any] = {"step": self.step, **figures}
         if is_point:
-            row |= self.metrics.evaluate(self.policy)
+            player = PolicyPlayer(self.policy)
+            for part, evaluator in self._curves.items():
+                row[f"{part}_success"] = float(evaluator(player).success.mean())
         row["steps_per_second"] = rate
         row["seconds"] = round(self.elapsed, 3)
-        self.metrics.add(row)
+        # One write for a line, so that a reader sees whole lines but for the last; without NaN and
+        # infinity, which JSON lacks.
+        with self.metrics.open("ab") as file:
+            file.write((json_text(row) + "\n").encode())
+        self._track(self.step, {name: value for name, value in row.items() if name != "step"})
         if self.report and self.step:
             names = ("success", "test_success", "steps_per_second")
             shown = {name: row[name] for name in names if row.get(name)}
@@ -412,13 +418,14 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             self.report(self.step, trainer.updates * trainer.steps_per_update, shown)
 
     def _save(self) -> None:
-        # The size first: it flushes the lines that the checkpoint counts on.
-        size = self.metrics.size()
+        # A checkpoint counts on lines that are on disk, also after a power failure.
+        self.metrics.touch()
+        with self.metrics.open("rb+") as file:
+            os.fsync(file.fileno())
         progress = AgentProgress(
             seconds=self.seconds,
-            eval_seconds=self.metrics.eval_seconds,
             elapsed=self.elapsed,
-            metrics_bytes=size,
+            metrics_bytes=self.metrics.stat().st_size,
         )
         self.run.checkpoints.save(self.step, self.impala.state(), progress)
 
@@ -433,7 +440,6 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             seconds=round(self.elapsed, 3),
             # Speed without evaluation and writing.
             steps_per_second=round(self.step / self.seconds) if self.seconds else 0,
-            curves_share=round(self.metrics.eval_seconds / self.elapsed, 4),
             parameters=sum(parameter.numel() for parameter in self.policy.parameters()),
             success={part: result.metrics() for part, result in results.items()},
             outcomes={part: result.shares() for part, result in results.items()},
@@ -444,22 +450,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         write_atomically(run.path / "evaluation.json", dump_json(as_values(summary)))
         write_atomically(run.path / EPISODES_FILE, _episode_lines(world, results))
         run.finish(OUTPUTS, agent_card(self.opened, self.config, run.record, summary))
-        return TrainedAgent(run.path, self.step, summary)
-
-
-def _warn_of_in_sample_scores(config: AgentConfig) -> None:
-    """Warn that scores of train tasks will be better than scores of test tasks can be."""
-    cause = "the scorer has no folds"
-    remedy = " Train the scorer with `folds` 5."
-    if config.policy.in_sample:
-        cause = "`in_sample` is set"
-        remedy = ""
-    logging.getLogger(__name__).warning(
-        "%s, so scores for train tasks are in-sample, and the agent learns to trust the scorer "
-        "too much.%s",
-        cause,
-        remedy,
-    )
+        return TrainedAgent(run.path, summary)
 
 
 def _warn_of_self_pairs(graph: RecipeGraph, config: AgentConfig) -> None:
@@ -504,11 +495,6 @@ _NOTES: Mapping[str | None, str] = {
     ),
 }
 """Notes on scorers of other recipes than the train recipes."""
-_KINDS = {
-    "pairs": "Actor-critic on pairs",
-    "attention": "Self-attention actor-critic",
-    "mlp": "One-layer MLP",
-}
 
 
 def agent_card(
@@ -525,15 +511,13 @@ def agent_card(
         run: record of the run, which says what the scorer was trained on.
         summary: final evaluation.
     """
-    policy = config.policy.policy or "attention"
-    kind = _KINDS.get(policy, f"Network {policy}")
     rows = "\n".join(
         f"- {part}: {result.mean:.3f} [{result.ci_low:.3f}, {result.ci_high:.3f}], "
         f"{result.tasks:,} tasks with {result.distractor_seeds} distractor seeds each"
         for part, result in summary.success.items()
     )
     return f"""{front_matter("reinforcement-learning", "knowledge-graph")}
-# {kind} for {opened.graph.name}, {_guide(config, run)}
+# Agent for {opened.graph.name}, {_guide(config, run)}
 
 Plays crafting tasks of depth {config.tasks.depth} with {config.tasks.distractors} distractors on \
 graph `{opened.graph.hash[:12]}`.
@@ -543,8 +527,8 @@ Success of the greedy policy by split (95 % interval over tasks, for this seed):
 {rows}
 
 Trained for {summary.steps:,} steps in {summary.seconds:.0f} s, seed {config.trainer.seed}, \
-{summary.parameters:,} parameters, preset {config.trainer.preset}. `config.toml` reproduces the \
-run; `run.json` lists software versions.
+policy {config.policy.policy}, {summary.parameters:,} parameters, preset {config.trainer.preset}. \
+`config.toml` reproduces the run; `run.json` lists software versions.
 
 {usage(opened.graph.entities)}
 """
@@ -555,10 +539,9 @@ def _guide(config: AgentConfig, run: RunRecord) -> str:
     if not config.scorer:
         has_sources = need_no_scorer(config.policy.sources)
         return f"with {config.policy.use}" if has_sources else "without a knowledge graph"
-    graph = f"trained on the {run.kg} knowledge graph"
-    trained_on = "not trained on recipes" if run.kg == "none" else graph
-    use = "as the only logits" if config.policy.kg_only else "mixed into the logits"
-    return f"with {' and '.join(config.policy.sources)} from a scorer {trained_on}, {use}"
+    sources = " and ".join(config.policy.sources)
+    graph = "no recipes" if run.kg == "none" else f"the {run.kg} knowledge graph"
+    return f"with {sources} from a scorer trained on {graph}"
 
 
 def _note_on_scores(run: RunRecord) -> str:
@@ -586,80 +569,6 @@ The final evaluation uses far more, see ``MOST_TASKS`` in ``envs.draws``.
 """
 
 
-class MetricsFile:
-    """Appends lines to ``metrics.jsonl``, and passes them on to the run's trackers.
-
-    Attributes:
-        path: path of the file.
-        eval_seconds: seconds spent on the learning curves so far.
-    """
-
-    def __init__(
-        self,
-        folder: Path,
-        world: World,
-        log: Log,
-    ):
-        """Prepare the evaluators of the learning curves.
-
-        Args:
-            folder: run folder.
-            world: world of the training; its train and test parts are evaluated.
-            log: sends a line to the trackers.
-
-        Raises:
-            ArtefactError: if the file is a link, through which another run would be written to.
-        """
-        self.path = folder / "metrics.jsonl"
-        if self.path.is_symlink():
-            raise ArtefactError(
-                f"{self.path} is a link; expected a file. Train again with `force`."
-            )
-        self.eval_seconds = 0.0
-        self._log = log
-        self._evaluators = evaluators(world, curve=True)
-
-    def size(self) -> int:
-        """Flush the file to disk and return the size in bytes.
-
-        A checkpoint counts on lines that are on disk, also after a power failure.
-        """
-        self.path.touch()
-        with self.path.open("rb+") as file:
-            os.fsync(file.fileno())
-        return self.path.stat().st_size
-
-    def cut(self, size: int) -> None:
-        """Remove what was written after a checkpoint, when the file had ``size`` bytes.
-
-        Raises:
-            ValueError: if the file is shorter than that.
-        """
-        if self.path.stat().st_size < size:
-            raise ValueError("metrics.jsonl is shorter than at the checkpoint")
-        os.truncate(self.path, size)
-
-    def evaluate(self, policy: Policy) -> dict[str, float]:
-        """Evaluate a policy; return the success rate by curve, such as ``test_success``."""
-        begun = time.perf_counter()
-        point = {
-            f"{part}_success": float(evaluator(PolicyPlayer(policy)).success.mean())
-            for part, evaluator in self._evaluators.items()
-        }
-        self.eval_seconds += time.perf_counter() - begun
-        return point
-
-    def add(self, row: dict[str, Any]) -> None:
-        """Append a line of metrics; without NaN and infinity, which JSON lacks."""
-        # One write for a line, so that a reader sees whole lines but for the last.
-        with self.path.open("ab") as file:
-            file.write((json_text(row) + "\n").encode())
-        self._log(
-            row["step"],
-            {name: value for name, value in row.items() if name != "step"},
-        )
-
-
 def evaluators(world: World, *, curve: bool = False) -> dict[TaskPart, Evaluator]:
     """Return evaluators for train and test tasks, by part.
 
@@ -676,12 +585,10 @@ def evaluators(world: World, *, curve: bool = False) -> dict[TaskPart, Evaluator
     result = {}
     for part in EVALUATED:
         with suppress(TaskError):  # without held-out recipes, a graph has no test tasks
-            # The curve of test tasks is the one that is read closely.
-            distractor_seeds = 1 if curve and part == "train" else None
-            limit = CURVE_TASKS if curve else MOST_TASKS
             result[part] = Evaluator(
                 world.variant(part=part),
-                distractor_seeds=distractor_seeds,
-                limit=limit,
+                # The curve of test tasks is the one that is read closely.
+                distractor_seeds=1 if curve and part == "train" else None,
+                limit=CURVE_TASKS if curve else MOST_TASKS,
             )
     return result

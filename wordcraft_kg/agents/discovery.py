@@ -233,12 +233,9 @@ class BookDiscoverer(BestPairDiscoverer):
     def __init__(self, graph: RecipeGraph, book: RecipeGraph):
         """Count the votes of ``book`` for the labels of ``graph``."""
         index = LabelIndex(book.entities)
+        rows = [index.find(label) for label in graph.entities]
         # -1 for labels outside the book.
-        self._rows = np.full(graph.num_entities, -1)
-        for entity, label in enumerate(graph.entities):
-            row = index.find(label)
-            if row is not None:
-                self._rows[entity] = row
+        self._rows = np.array([-1 if row is None else row for row in rows])
         self._book = book
         self._made = 1.0 + book.recipe_counts
 
@@ -262,25 +259,23 @@ class BookDiscoverer(BestPairDiscoverer):
 
     def values(self, untried: Ids) -> Floats:  # noqa: D102
         if self._values is None:
-            self._values = self._values_of_pairs()
+            # Of all P pairs of K known entities.
+            votes = self._votes * self._is_new
+            values = votes @ votes.T
+            # An entity with itself has one voter, not two.
+            np.fill_diagonal(values, 0)
+            # Places among the known entities by row of the book; -1 for entities that are not
+            # known.
+            places = np.full(self._book.num_entities, -1)
+            rows = self._rows[self.known]
+            places[rows[rows >= 0]] = np.flatnonzero(rows >= 0)
+            recipes = self._book.recipes[self._is_new[self._book.recipes[:, 2]]]
+            pairs = np.sort(places[recipes[:, :2]], axis=1)
+            seconds, firsts = pairs[pairs[:, 0] >= 0].T
+            np.add.at(values, (firsts, seconds), 1)
+            # Below the diagonal of the table (K, K) each pair stands once, in the order of numbers.
+            self._values = values[np.tril_indices(len(values))]
         return self._values[untried]
-
-    def _values_of_pairs(self) -> Floats:
-        """Return the values of all P pairs of K known entities, shape (P,)."""
-        votes = self._votes * self._is_new
-        values = votes @ votes.T
-        # An entity with itself has one voter, not two.
-        np.fill_diagonal(values, 0)
-        # Places among the known entities by row of the book; -1 for entities that are not known.
-        places = np.full(self._book.num_entities, -1)
-        rows = self._rows[self.known]
-        places[rows[rows >= 0]] = np.flatnonzero(rows >= 0)
-        recipes = self._book.recipes[self._is_new[self._book.recipes[:, 2]]]
-        pairs = np.sort(places[recipes[:, :2]], axis=1)
-        seconds, firsts = pairs[pairs[:, 0] >= 0].T
-        np.add.at(values, (firsts, seconds), 1)
-        # Below the diagonal of the table (K, K) each pair stands once, in the order of numbers.
-        return values[np.tril_indices(len(values))]
 
 
 DISCOVERERS = {

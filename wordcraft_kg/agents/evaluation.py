@@ -10,11 +10,10 @@ import torch
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.agent_records import TERMINATION_REASONS, Success, TerminationReason
-from wordcraft_kg.agents.players import Player, knowledge_player, random_entity, recipe_oracle
+from wordcraft_kg.agents.players import Player
 from wordcraft_kg.agents.states import ROWS, bind_tasks, states_of
 from wordcraft_kg.base import (
     MAX_SIZE,
-    ConfigError,
     Count,
     Record,
     Share,
@@ -75,27 +74,6 @@ class PolicyPlayer:
             slot_batches.append(self.policy.best_slots(batch, weights, scores))
         slots = torch.cat(slot_batches)
         return slots if state.engine.arrays.on_device else slots.cpu().numpy()
-
-
-def player_of(policy: Policy, kind: str) -> Player:
-    """Return the player ``trained``, ``random``, ``oracle`` or ``kg-only``.
-
-    Raises:
-        ConfigError: for ``kg-only`` and a policy without a scorer.
-        KeyError: for another ``kind``.
-    """
-    if kind == "kg-only" and not policy.sources:
-        raise ConfigError(
-            "`agent` 'kg-only' plays by the run's scorer, but this run was trained without a "
-            "scorer."
-        )
-    players: dict[str, Player] = {
-        "trained": PolicyPlayer(policy),
-        "random": random_entity,
-        "oracle": recipe_oracle,
-        "kg-only": knowledge_player(list(policy.sources.values())),
-    }
-    return players[kind]
 
 
 @dataclass(frozen=True)
@@ -202,7 +180,6 @@ class Evaluator:
             stage: what the progress display says.
 
         Raises:
-            ConfigError: if no distractors are found that the distractor policy allows.
             LeakError: if a policy would score a task by a model trained on the task's recipes.
             GraphMismatchError: if the tasks belong to another graph or split than a policy's
                 cross-fitted scorer.

@@ -23,7 +23,7 @@ from wordcraft_kg.base import (
 from wordcraft_kg.envs.batch import GOAL, IN_PROGRESS, OUT_OF_ATTEMPTS, OUTCOMES
 from wordcraft_kg.envs.draws import EvaluationTables
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import Entity, Part, TaskSet, TrainedOn
+from wordcraft_kg.graphs import Entity, Part, TaskSet, padded
 from wordcraft_kg.graphs.tasks import Rows
 from wordcraft_kg.models.policies.policy import (
     Policy,
@@ -32,7 +32,6 @@ from wordcraft_kg.models.policies.policy import (
     selected_entities,
 )
 from wordcraft_kg.models.policies.sources import ALPHA
-from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import FoldedSource, Source
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence, OutsideEvidenceFinder
@@ -249,7 +248,6 @@ class Explainer:
         policy: Policy,
         world: World,
         *,
-        kg: TrainedOn = "partial",
         trained_on: NDArray[np.bool_] | None = None,
         max_actions: int | None = None,
         outside: OutsideEvidenceFinder | None = None,
@@ -259,10 +257,8 @@ class Explainer:
         Args:
             policy: the policy.
             world: the world with the tasks.
-            kg: recipes that the scorer was trained on: ``partial`` (train recipes), ``full`` or
-                ``none``.
             trained_on: shape (num_recipes,), bool: recipes that the scorer saw with the correct
-                result; None for all of ``kg``, or those in the lists of a recipe scorer.
+                result; None for all train recipes.
             max_actions: most actions to explain; None plays to the end.
             outside: finder for evidence from outside the train recipes; None without such
                 knowledge.
@@ -273,8 +269,7 @@ class Explainer:
                 scorer.
         """
         self.world = world
-        self._kg = kg
-        self._trained_on = trained_on
+        self._trained_on = world.split.is_in("train") if trained_on is None else trained_on
         self._max_actions = max_actions
         self._outside = outside
         self._policy = _own(policy)
@@ -421,35 +416,24 @@ class Explainer:
 
     def _answering(self, query: _Query) -> tuple[Model, int | None, NDArray[np.bool_]]:
         """Return the model that gives the scores, the fold it has not seen, and its recipes."""
-        is_train = self.world.split.is_in("train")
         source = _folded(query.policy)
+        is_known = self._trained_on
         if not self._policy.sources:
-            return "no_scorer", None, np.zeros_like(is_train)
-        if self._kg == "none":
-            return "no_recipes", None, np.zeros_like(is_train)
-        if source is None and self._kg == "full":
-            return "all_recipes", None, self._known(np.ones_like(is_train), 0)
-        if source is None:
-            return "train_recipes", None, self._known(is_train, 0)
-        seen_recipes = seen_by_models(source.fold_of_recipe.cpu().numpy())
-        # Model 0 is that of all train recipes, model i + 1 lacks fold i, the last one is no model.
-        model = 0 if query.task is None else int(source.model_of_task[query.task])
-        if model == len(seen_recipes) - 1:
-            return "no_knowledge", None, seen_recipes[model]
-        is_known = self._known(seen_recipes[model], model)
-        if model == 0:
-            return "train_recipes", None, is_known
-        return "without_a_fold", model - 1, is_known
-
-    def _known(self, is_seen: NDArray[np.bool_], model: int) -> NDArray[np.bool_]:
-        """Return which of a model's recipes it was trained on: perhaps a sample of them."""
-        if self._trained_on is not None:
-            return is_seen & self._trained_on
-        for source in self._policy.sources.values():
-            if isinstance(source, BestRecipe):
-                recipes = torch.from_numpy(self.world.graph.recipes.copy())
-                return np.asarray(is_seen & source.knowledge.knows(recipes, model).numpy())
-        return is_seen
+            return "no_scorer", None, np.zeros_like(is_known)
+        if not is_known.any():
+            return "no_recipes", None, is_known
+        model = 0
+        if source is not None:
+            seen_recipes = seen_by_models(source.fold_of_recipe.cpu().numpy())
+            # Model 0 is that of all train recipes, model i + 1 lacks fold i, the last is no model.
+            model = 0 if query.task is None else int(source.model_of_task[query.task])
+            is_known = is_known & seen_recipes[model]
+            if model == len(seen_recipes) - 1:
+                return "no_knowledge", None, is_known
+        if model:
+            return "without_a_fold", model - 1, is_known
+        has_test_recipes = (is_known & ~self.world.split.is_in("train")).any()
+        return "all_recipes" if has_test_recipes else "train_recipes", None, is_known
 
     def _played(self, query: _Query) -> ExplainedEpisode:
         world = self.world
@@ -468,17 +452,15 @@ class Explainer:
         steps: list[ExplainedStep] = []
         tried: list[list[int]] = []
         while attempts and not is_made and len(steps) != self._max_actions:
-            empty_slots = [nothing] * (room - len(table))
-            padded_picks = picks + [nothing] * (most_picks - len(picks))
-            # Without a tried pair, an empty one keeps the shape (1, n, 2).
-            tried_sets = tried or [[nothing] * most_picks]
+            selection = torch.from_numpy(padded([picks], nothing, most_picks))
+            tried_sets = torch.from_numpy(padded(tried, nothing, most_picks))
             # A batch of one state.
             state = States(
                 goal=torch.tensor([query.goal]),
-                selection=torch.tensor([padded_picks if world.has_combine else padded_picks[0]]),
-                table=torch.tensor([table + empty_slots]),
+                selection=selection if world.has_combine else selection[:, 0],
+                table=torch.from_numpy(padded([table], nothing, room)),
                 task=task,
-                attempts=Attempts(torch.tensor([attempts]), torch.tensor([tried_sets])),
+                attempts=Attempts(torch.tensor([attempts]), tried_sets[None]),
             )
             action, output = self._decide(query.policy, state)
             evidence = self._evidence(query.policy, state)
@@ -492,20 +474,19 @@ class Explainer:
                 picks.append(table[action])
             if action >= len(table) or len(picks) == most_picks:
                 results = world.outcomes.get(tuple(sorted(picks)), ())
-                tried.append(picks + [nothing] * (most_picks - len(picks)))
+                tried.append(picks)
                 made_ids = [result for result in results if result not in table]
                 table += made_ids
                 is_made = query.goal in results
                 attempts -= 1
                 picks = []
-            lambdas: dict[str, float] = {}
-            if output.lambdas is not None:
-                lambdas = dict(zip(self._names, output.lambdas[0].tolist(), strict=True))
+            # Without mixing, there are neither names nor weights.
+            lambdas = [] if output.lambdas is None else output.lambdas[0].tolist()
             steps.append(
                 ExplainedStep(
                     selection=selected,
                     value=float(output.value[0]),
-                    lambdas=lambdas,
+                    lambdas=dict(zip(self._names, lambdas, strict=False)),
                     action=labels[action],
                     made=graph.labels(made_ids),
                     slots=slots,
@@ -529,10 +510,8 @@ class Explainer:
                     continue
                 # A plan's first attempt need not make the goal: evidence is for its own result.
                 expected = evidence.plan[0][2] if evidence.plan else int(state.goal)
-                outside: tuple[OutsideEvidence, ...] = ()
-                if self._outside:
-                    entity = int(state.table[0, slot])
-                    outside = self._outside.of_recipe(entity, evidence.partner, expected)
+                pair = int(state.table[0, slot]), evidence.partner
+                outside = self._outside.of_recipe(*pair, expected) if self._outside else ()
                 plan = [
                     ExpectedAttempt(entities[a], entities[b], entities[product], probability)
                     for a, b, product, probability in evidence.plan

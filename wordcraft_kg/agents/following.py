@@ -5,15 +5,13 @@ comes from, and made again when the stamp changes.
 """
 
 import threading
-from collections.abc import Callable, Hashable
+from collections.abc import Hashable
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar, cast
-
-import numpy as np
-from numpy.typing import NDArray
 
 from wordcraft_kg.agents.agent_folder import (
     AGENTS,
+    METRICS_FILE,
     AgentRun,
     OpenedAgent,
     open_agent,
@@ -21,19 +19,15 @@ from wordcraft_kg.agents.agent_folder import (
 )
 from wordcraft_kg.agents.agent_records import EPISODES_FILE, PlayedTask, read_episodes
 from wordcraft_kg.agents.explanation import Explainer
-from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import OpenedGraph, TaskPart
-from wordcraft_kg.models.model_folder import open_model
-from wordcraft_kg.models.scorers.scorer_folder import WEIGHTS
+from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.record import RUN_FILE
 
 EXPLAINERS = 8
-"""Maximum number of cached explainers, one per world; each copies the policy."""
+"""Maximum number of cached explainers, one per agent and world; each copies the policy."""
 MAX_ACTIONS = 20
 """Maximum number of explained actions per episode; an episode may have 2,000."""
-T = TypeVar("T")
 
 
 class FollowedRun:
@@ -56,8 +50,15 @@ class FollowedRun:
         self.folder = folder
         self.opened = opened
         self._lock = threading.RLock()
-        self._kept: dict[str, tuple[Hashable, Any]] = {}
-        self._explainers: dict[WordCraftConfig, Explainer] = {}
+        # Each keeps what was made last, as long as its stamp is the same.
+        self._records = lru_cache(1)(lambda *stamp: read_agent_run(folder))
+        self._agent = lru_cache(1)(self._opened)
+        self._episodes = lru_cache(1)(
+            lambda *stamp: {
+                (task.part, task.goal, task.start): task for task in read_episodes(folder)
+            }
+        )
+        self._explainer = lru_cache(EXPLAINERS)(_explainer)
 
     def records(self) -> AgentRun:
         """Return the run's settings, status, learning curves and checkpoints, as they are now.
@@ -65,11 +66,9 @@ class FollowedRun:
         Raises:
             ArtefactError: if the run does not exist or a file is damaged.
         """
-        stamp = (
-            *self._stamp(RUN_FILE, "config.toml", "metrics.jsonl"),
-            *AGENTS.checkpoints(self.folder).records(),
-        )
-        return self._once("records", stamp, lambda: read_agent_run(self.folder))
+        files = self._stamp(RUN_FILE, CONFIG_FILE, METRICS_FILE)
+        with self._lock:
+            return self._records(*files, *AGENTS.checkpoints(self.folder).records())
 
     def agent(self) -> OpenedAgent:
         """Return the agent with the latest weights.
@@ -79,12 +78,12 @@ class FollowedRun:
             GraphMismatchError: if the graph or split differs from training.
         """
         # Weights change with a checkpoint, or with the record at the end of training.
-        stamp = (*self._stamp(RUN_FILE), *AGENTS.checkpoints(self.folder).records())
-        return self._once("agent", stamp, self._opened)
+        with self._lock:
+            return self._agent(*self._stamp(RUN_FILE), *AGENTS.checkpoints(self.folder).records())
 
-    def _opened(self) -> OpenedAgent:
-        # Explainers of earlier weights.
-        self._explainers.clear()
+    def _opened(self, *stamp: Hashable) -> OpenedAgent:
+        # Explainers of earlier weights: each holds an agent, of gigabytes for a large graph.
+        self._explainer.cache_clear()
         return open_agent(self.folder, self.opened)
 
     def explainer(self, world: World) -> Explainer:
@@ -96,39 +95,7 @@ class FollowedRun:
             GraphMismatchError: if the graph or split differs from training.
         """
         with self._lock:
-            agent = self.agent()
-            explainer = self._explainers.pop(world.config, None) or Explainer(
-                agent.policy,
-                world,
-                max_actions=MAX_ACTIONS,
-                kg=agent.run.kg or "partial",
-                trained_on=self._trained_on(agent),
-                outside=agent.outside,
-            )
-            # The one that was asked for last comes last, and the first one falls off.
-            self._explainers[world.config] = explainer
-            if len(self._explainers) > EXPLAINERS:
-                del self._explainers[next(iter(self._explainers))]
-            return explainer
-
-    def _trained_on(self, agent: AgentRun) -> NDArray[np.bool_] | None:
-        """Return a mask of the recipes that the scorer was trained on; None if unknown."""
-        inputs = agent.run.inputs
-        folder = agent.config.scorer
-        if folder is None or "scorer" not in inputs:
-            return None
-
-        def read() -> NDArray[np.bool_] | None:
-            try:
-                model = open_model(folder, self.opened.source)
-                train_sample = model.train_sample
-            except WordCraftKGError:
-                return None  # the scorer's folder has moved or changed since
-            if model.run.outputs[WEIGHTS] != inputs["scorer"]:
-                return None
-            return train_sample.is_trained_on & ~train_sample.is_wrong
-
-        return self._once("trained_on", inputs["scorer"], read)
+            return self._explainer(self.agent(), world)
 
     def episodes(self) -> dict[tuple[TaskPart, str, tuple[str, ...]], PlayedTask]:
         """Return the final evaluation's episodes by part, goal and starting ingredients.
@@ -140,12 +107,8 @@ class FollowedRun:
         """
         if self.records().evaluation is None:
             return {}
-        stamp = self._stamp(EPISODES_FILE)
-
-        def read() -> dict[tuple[TaskPart, str, tuple[str, ...]], PlayedTask]:
-            return {(task.part, task.goal, task.start): task for task in read_episodes(self.folder)}
-
-        return self._once("episodes", stamp, read)
+        with self._lock:
+            return self._episodes(*self._stamp(EPISODES_FILE))
 
     def _stamp(self, *names: str) -> tuple[Hashable, ...]:
         """Return a value that changes when one of some files does; a missing file counts, too."""
@@ -159,14 +122,12 @@ class FollowedRun:
                 stamps.append((status.st_mtime_ns, status.st_size))
         return tuple(stamps)
 
-    def _once(
-        self,
-        name: str,
-        stamp: Hashable,
-        make: Callable[[], T],
-    ) -> T:
-        """Return what was kept under a name, or make it again if the stamp has changed."""
-        with self._lock:
-            if name not in self._kept or self._kept[name][0] != stamp:
-                self._kept[name] = (stamp, make())
-            return cast(T, self._kept[name][1])
+
+def _explainer(agent: OpenedAgent, world: World) -> Explainer:
+    return Explainer(
+        agent.policy,
+        world,
+        max_actions=MAX_ACTIONS,
+        trained_on=agent.trained_on,
+        outside=agent.outside,
+    )

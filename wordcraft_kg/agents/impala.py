@@ -2,7 +2,7 @@
 
 The actor collects experience, the learner updates the parameters. With ``policy_lag`` k, the actor
 uses the weights from k updates ago, like actors in a distributed IMPALA, and V-trace corrects for
-the difference.
+the difference. Without a lag, the importance ratios of V-trace are 1 but for rounding.
 
 Read :meth:`Impala.update` first: an update is an unroll, a loss and an optimiser step. Below, T is
 the number of choices in an unroll, B of environments, A of slots, C of choices in a state, S of
@@ -12,7 +12,7 @@ steps. The order of operations is part of the results: tests compare whole train
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import torch
@@ -23,7 +23,6 @@ from wordcraft_kg.agents.losses import (
     Successes,
     baseline_loss,
     divergence,
-    entropy as summed_entropy,
     led_to_goals,
     memory_loss,
     policy_gradient_loss,
@@ -55,13 +54,13 @@ class _Unroll(NamedTuple):
     Attributes:
         states: goal, selection and attempts left, shape (T + 1, B), and table, shape (T + 1, B, A).
         external_scores: shape (T + 1, B, S, C): source scores, cached for the learner; None without
-            sources.
+            sources. 0 in the last states: only their value matters, and does not depend on scores.
         noise: shape (T + 1, B, H): which hidden units are dropped, the same for actor and learner;
             H is 0 for a policy without noise.
         remembered: shape (T, B, C), bool: choices that lead to remembered pairs; None without a
             memory.
         actions: shape (T, B), int64: choices.
-        log_probs: shape (T, B): log-probabilities under the acting policy.
+        log_probs: shape (T, B): log-probabilities of the choices under the acting policy.
         rewards: shape (T, B).
         discounts: shape (T, B): γ for each environment step, or 0 where the episode ended.
         over: shape (T, B), bool: the episode ended.
@@ -78,27 +77,6 @@ class _Unroll(NamedTuple):
     discounts: Tensor
     over: Tensor
     won: Tensor
-
-
-class _Loss(NamedTuple):
-    """The losses of an update, shape () each, in the order of :data:`LOSSES`."""
-
-    loss: Tensor
-    policy_loss: Tensor
-    value_loss: Tensor
-    entropy: Tensor
-
-
-class _Last(NamedTuple):
-    """Values of the last update that are shown as metrics, without gradients.
-
-    Attributes:
-        log_rhos: shape (T, B): log-ratios of the learning and the acting policy.
-        lambdas: shape (T · B, S or S + 1): mixing weights; no columns without sources.
-    """
-
-    log_rhos: Tensor
-    lambdas: Tensor
 
 
 class Impala:
@@ -130,8 +108,7 @@ class Impala:
             ConfigError: if ``config.policy_lag`` policies do not fit into memory, or if
                 ``config.unroll`` ends within an attempt and the policy chooses pairs.
         """
-        tasks = envs.world.config
-        config = config.for_episodes(2 * (tasks.max_attempts or tasks.depth))
+        config = config.for_episodes(2 * envs.world.config.attempts)
         self._time, remainder = divmod(config.unroll_steps, policy.steps_per_choice)
         if remainder:
             raise ConfigError(
@@ -145,9 +122,6 @@ class Impala:
         policy.to(self.device)
         self.update_number = 0
         self._scorer_cost = self._weight_of_scorer_cost()
-        self._parameters = [
-            parameter for parameter in policy.parameters() if parameter.requires_grad
-        ]
         self._flat, self._gradient = self._flattened()
         self.optimizer = torch.optim.RMSprop(
             [self._flat],
@@ -159,8 +133,8 @@ class Impala:
         optimizer_state = self.optimizer.state[self._flat]
         optimizer_state["step"] = torch.tensor(0.0)  # counted on the CPU
         optimizer_state["square_avg"] = torch.zeros_like(self._flat)
-        lag = min(config.policy_lag, config.updates)
-        num_bytes = 4 * len(self._flat) * lag  # bytes of float32
+        # Bytes of float32; a short training never keeps more policies than it has updates.
+        num_bytes = 4 * len(self._flat) * min(config.policy_lag, config.updates)
         check_memory("policy_lag", config.policy_lag, "that many policies", num_bytes)
         # A choice never needs the slots that are free for the results of the last attempt.
         self._slots = envs.engine.num_slots
@@ -171,7 +145,6 @@ class Impala:
         self._generator = torch.Generator(self.device).manual_seed(config.seed)
         # The newest snapshot is the learner's; with lag k the oldest is from k updates ago.
         self._snapshots: deque[Weights] = deque(maxlen=config.policy_lag + 1)
-        self._unroll = self._empty_unroll()
         by_lists = [part for part in policy.modules() if isinstance(part, RecipeKnowledge)]
         for knowledge in by_lists:
             knowledge.workers = config.threads
@@ -179,8 +152,11 @@ class Impala:
         # takes the processor's time from the loops.
         self.threads = 1 if by_lists else config.threads
         # Sums stay on the device, in float64 so that many small terms do not vanish.
-        self._sums = self._empty(len(METRICS), dtype=torch.float64).zero_()
-        self._last: _Last | None = None
+        self._sums = torch.zeros(len(METRICS), dtype=torch.float64, device=self.device)
+        # Of the last update: log-ratios of the learning and the acting policy, shape (T, B).
+        self._log_rhos: Tensor | None = None
+        # Mixing weights in the last update, shape (T · B, S or S + 1); no columns without sources.
+        self._lambdas: Tensor | None = None
 
     def _weight_of_scorer_cost(self) -> float:
         """Return the weight of the divergence from the scorer's policy; 0 for no such penalty."""
@@ -200,53 +176,19 @@ class Impala:
 
         So an optimiser step, a gradient norm and a check for NaN take a few calls, not hundreds.
         """
-        pieces = [parameter.detach().reshape(-1) for parameter in self._parameters]
+        parameters = [part for part in self.policy.parameters() if part.requires_grad]
+        pieces = [parameter.detach().reshape(-1) for parameter in parameters]
         flat = nn.Parameter(torch.cat(pieces))
         flat_gradient = torch.zeros_like(flat)
         flat.grad = flat_gradient
         sizes = [len(piece) for piece in pieces]
         values = flat.data.split(sizes)
         gradients = flat_gradient.split(sizes)
-        for parameter, value, gradient in zip(self._parameters, values, gradients, strict=True):
+        for parameter, value, gradient in zip(parameters, values, gradients, strict=True):
             parameter.data = value.view_as(parameter)
             # `backward` adds to an existing gradient in place, and so writes into the flat tensor.
             parameter.grad = gradient.view_as(parameter)
         return flat, flat_gradient
-
-    def _empty_unroll(self) -> _Unroll:
-        """Allocate the tensors of an unroll, which every update overwrites."""
-        time = self._time
-        batch = self.config.num_envs
-        slots = self._slots
-        choices = self.policy.num_choices(slots)
-        num_sources = len(self.policy.sources)
-        # The memory holds pairs.
-        has_memory = self.config.memory_cost and not self.policy.most_picks
-        return _Unroll(
-            states=States(
-                goal=self._empty(time + 1, batch, dtype=torch.int64),
-                selection=self._empty(
-                    time + 1, batch, *self.envs.selection.shape[1:], dtype=torch.int64
-                ),
-                table=self._empty(time + 1, batch, slots, dtype=torch.int64),
-                attempts=Attempts(self._empty(time + 1, batch, dtype=torch.int64)),
-            ),
-            # Scores stay 0 in the last states: only their value matters, and does not depend on
-            # scores.
-            external_scores=(
-                self._empty(time + 1, batch, num_sources, choices).zero_() if num_sources else None
-            ),
-            noise=self._empty(time + 1, batch, self.policy.noise_size),
-            remembered=(
-                self._empty(time, batch, choices, dtype=torch.bool) if has_memory else None
-            ),
-            actions=self._empty(time, batch, dtype=torch.int64),
-            log_probs=self._empty(time, batch),
-            rewards=self._empty(time, batch),
-            discounts=self._empty(time, batch),
-            over=self._empty(time, batch, dtype=torch.bool),
-            won=self._empty(time, batch, dtype=torch.bool),
-        )
 
     # --- an update --------------------------------------------------------------------------------
 
@@ -260,20 +202,11 @@ class Impala:
         bind_tasks([self.policy], self.envs.world)
         # What depends on parameters only is computed once, for the actor and the learner.
         weights = self.policy.weights(self._generator)
-        is_cut = self._collect(self._acting(weights))
+        self._unroll = self._collect(self._acting(weights))
         # Gradients flow through `weights` into the views of the flat gradient.
         self._gradient.zero_()
-        losses, last = self._losses(weights, self._unroll, is_cut)
-        self._descend(losses)
-        self._last = last
-
-    def _descend(self, losses: _Loss) -> None:
-        """Take a step of the optimiser down the gradient of the losses.
-
-        Raises:
-            TrainingError: if the loss is not finite, on the CPU; then parameters are unchanged.
-        """
-        losses.loss.backward()
+        losses, self._log_rhos, self._lambdas = self._losses(weights)
+        losses[0].backward()
 
         # Clip the norm of all gradients together, as `clip_grad_norm_` does.
         norm = self._gradient.norm()
@@ -286,31 +219,29 @@ class Impala:
 
         # The learning rate decays linearly to 0 at the end of training.
         remaining = max(0, 1 - self.update_number / self.config.updates)
-        for group in self.optimizer.param_groups:
-            group["lr"] = self.config.first_rate * remaining
+        self.optimizer.param_groups[0]["lr"] = self.config.first_rate * remaining
         self.optimizer.step()
         self.update_number += 1
-        self._count(losses, norm)
 
-    def _acting(self, weights: Weights) -> Weights:
-        """Return the actor's weights: the learner's, or with a lag those of an earlier update."""
-        acting = {name: tensor.detach() for name, tensor in weights.items()}
-        if not self.config.policy_lag:
-            return acting
-        # Contiguous, as in a checkpoint: products with a transposed tensor round differently, and a
-        # resumed training would end with other bits.
-        layout = torch.contiguous_format
-        snapshot = {name: tensor.clone(memory_format=layout) for name, tensor in acting.items()}
-        self._snapshots.append(snapshot)
-        return self._snapshots[0]
-
-    def _count(self, losses: _Loss, norm: Tensor) -> None:
-        """Add an update to the sums, in the order of :data:`METRICS`, without waiting for them."""
+        # Added up in the order of METRICS, without waiting for them.
         unroll = self._unroll
         terms = [loss.detach() for loss in losses]
         terms += [norm, unroll.rewards.sum(), unroll.over.sum(), unroll.won.sum()]
         terms.append(torch.ones((), device=self.device))  # one update
         self._sums += torch.stack(terms)
+
+    def _acting(self, weights: Weights) -> Weights:
+        """Return the actor's weights: the learner's, or with a lag those of an earlier update."""
+        if not self.config.policy_lag:
+            return weights
+        # Contiguous, as in a checkpoint: products with a transposed tensor round differently, and a
+        # resumed training would end with other bits.
+        layout = torch.contiguous_format
+        snapshot = {
+            name: tensor.detach().clone(memory_format=layout) for name, tensor in weights.items()
+        }
+        self._snapshots.append(snapshot)
+        return self._snapshots[0]
 
     def take_metrics(self) -> dict[str, float | None]:
         """Return training metrics since the last call, by name, and reset the sums.
@@ -336,25 +267,20 @@ class Impala:
         episodes = sums["episodes"]
         metrics["return"] = sums["rewards"] / episodes if episodes else None
         metrics["success"] = sums["successes"] / episodes if episodes else None
-        if self._last is None:
+        if self._log_rhos is None or self._lambdas is None:
             return metrics
-        ratios = self._last.log_rhos.exp()
+        ratios = self._log_rhos.exp()
         metrics["ratio_mean"] = ratios.mean().item()
         metrics["ratio_max"] = ratios.max().item()
         # A margin for ratios that are 1 but for rounding.
         is_clipped = ratios > 1 + 1e-5
         metrics["ratio_clipped"] = is_clipped.float().mean().item()
-        return metrics | self._mean_lambdas(self._last.lambdas)
-
-    def _mean_lambdas(self, lambdas: Tensor) -> dict[str, float | None]:
-        """Return mean mixing weights in the last unroll by source and action of the attempt."""
-        metrics: dict[str, float | None] = {}
-        # Without the states after the last step, in the order of the rows of `lambdas`.
+        # Without the states after the last step, in the order of the rows of the weights.
         states = self._unroll.states.of(slice(-1)).flattened()
         is_first = states.num_selected(self.policy.num_entities) == 0
         for action, rows in (("first", is_first), ("second", ~is_first)):
-            no_means: list[float | None] = [None] * lambdas.shape[1]
-            means = lambdas[rows].mean(0).tolist() if rows.any() else no_means
+            no_means: list[float | None] = [None] * self._lambdas.shape[1]
+            means = self._lambdas[rows].mean(0).tolist() if rows.any() else no_means
             for label, mean in zip(self.policy.labels, means, strict=True):
                 metrics[f"lambda_{label.name}_{action}"] = mean
         return metrics
@@ -410,96 +336,94 @@ class Impala:
                 tensor.copy_(state[name])
         saved = {name: state[f"engine.{name}"].numpy() for name in self.envs.saved()}
         self.envs = self.envs.restored(saved)
-        self._snapshots.clear()
-        # The oldest first, as they were taken; a weight's own name may contain dots.
-        names = with_prefix(state, "snapshot.")
-        for number in sorted({int(name.partition(".")[0]) for name in names}):
-            snapshot = with_prefix(state, f"snapshot.{number}.").items()
-            self._snapshots.append(
-                {name: part.to(self.device, copy=True) for name, part in snapshot}
-            )
         self.successes.keys = state["successes"].to(self.device, copy=True)
         self._generator.set_state(state["generator"])
         self.update_number = int(state["update"])
+        self._snapshots.clear()
+        num_snapshots = min(self.update_number, self.config.policy_lag + 1)
+        for number in range(num_snapshots if self.config.policy_lag else 0):
+            snapshot = with_prefix(state, f"snapshot.{number}.")
+            self._snapshots.append(
+                {name: part.to(self.device, copy=True) for name, part in snapshot.items()}
+            )
 
     # --- acting -----------------------------------------------------------------------------------
 
-    @torch.inference_mode()
-    def _collect(self, weights: Weights) -> bool:
-        """Collect an unroll; return whether an episode continues after it."""
-        unroll = self._unroll
+    @torch.no_grad()
+    def _collect(self, weights: Weights) -> _Unroll:
+        """Collect an unroll; the states after it are the environments' next states."""
         engine = self.envs.engine
-        # All random numbers of the unroll in one call.
-        noise = torch.rand(
-            self._time,
-            engine.num_envs,
-            generator=self._generator,
-            device=self.device,
-        )
-        unroll.noise.uniform_(generator=self._generator)
+        batch = engine.num_envs
+        # All random numbers of the unroll in two calls.
+        noise = self._uniform(self._time, batch)
+        dropped = self._uniform(self._time + 1, batch, self.policy.noise_size)
+        # Without copies: an engine never writes into a state that it has returned.
+        observed = [self._states()]
+        scores_in_turn = []
+        choices = []
+        outcomes = []
         for t in range(self._time):
-            states = self._observe(t)
+            states = observed[t]
             scores = self.policy.external_scores(states)
-            if scores is not None:
-                # Kept, so that the learner does not compute them again.
-                assert unroll.external_scores is not None
-                unroll.external_scores[t] = scores
-                scores = unroll.external_scores[t]
-            observed = unroll.states.of(t)
-            actions, log_probs = self._choose(weights, observed, scores, noise[t], unroll.noise[t])
-            unroll.actions[t] = actions
-            unroll.log_probs[t] = log_probs
+            actions, log_probs = self._choose(weights, states, scores, noise[t], dropped[t])
             for slot_actions in self.policy.slots_of(actions, self._slots):
                 slots: Any = slot_actions if engine.arrays.on_device else slot_actions.numpy()
                 self.envs, step = engine.step(self.envs, slots)
             # The first step of a choice of two only selects, and has no reward.
-            unroll.rewards[t] = as_tensor(step.reward)
-            unroll.over[t] = as_tensor(step.over)
-            unroll.won[t] = as_tensor(step.outcome == GOAL)
-        # The states after the last step, whose values bootstrap the returns.
-        self._observe(self._time)
-        discount = self.config.discount**self.policy.steps_per_choice
-        torch.mul(~unroll.over, discount, out=unroll.discounts)
-        if unroll.remembered is not None:
-            self._remember(unroll.remembered)
-        # Where every episode ends with the unroll, bootstrap values are 0, and the learner saves a
-        # share of 1 / (T + 1) of its work. On a device, asking would wait for pending work.
-        return engine.arrays.on_device or not step.over.all()
+            outcomes.append(tuple(map(as_tensor, (step.reward, step.over, step.outcome == GOAL))))
+            choices.append((actions, log_probs))
+            if scores is not None:
+                scores_in_turn.append(scores)
+            # Also after the last step: the values of these states bootstrap the returns.
+            observed.append(self._states())
+        external_scores = None
+        if scores_in_turn:
+            # Kept, so that the learner does not compute them again.
+            external_scores = torch.stack([*scores_in_turn, torch.zeros_like(scores_in_turn[0])])
+        states = _stacked(observed)
+        actions, log_probs = map(torch.stack, zip(*choices, strict=True))
+        rewards, over, won = map(torch.stack, zip(*outcomes, strict=True))
+        # The memory holds pairs.
+        remembered = None
+        if self.config.memory_cost and not self.policy.most_picks:
+            remembered = self._remembered(states, actions, over, won)
+        discounts = ~over * self.config.discount**self.policy.steps_per_choice
+        return _Unroll(
+            states,
+            external_scores,
+            dropped,
+            remembered,
+            actions,
+            log_probs,
+            rewards,
+            discounts,
+            over,
+            won,
+        )
 
-    def _remember(self, remembered: Tensor) -> None:
-        """Add the unroll's successes to the memory; write which of its choices are remembered."""
-        unroll = self._unroll
-        size = len(unroll.actions) * unroll.actions.shape[1]
-        states, after = unroll.states.of(slice(-1)), unroll.states.of(slice(1, None))
-        is_new = (after.table != states.table).any(2)
-        led = led_to_goals(unroll.won, unroll.over, is_new).flatten()
+    def _remembered(self, states: States, actions: Tensor, over: Tensor, won: Tensor) -> Tensor:
+        """Add an unroll's successes to the memory; return which of its choices are remembered.
+
+        Arguments and result as in :class:`_Unroll`.
+        """
+        before, after = states.of(slice(-1)), states.of(slice(1, None))
+        is_new = (after.table != before.table).any(2)
+        led = led_to_goals(won, over, is_new).flatten()
         # Time and environments become one batch axis.
-        states = states.flattened()
-        assert states.attempts is not None
-        first, second = self.policy.pairs_of(states, unroll.actions.flatten())
+        before = before.flattened()
+        assert before.attempts is not None
+        first, second = self.policy.pairs_of(before, actions.flatten())
         # A choice that only selects combines nothing yet.
         led &= first != self.policy.num_entities
-        attempts_left = states.attempts.left
-        self.successes.add(states.goal[led], attempts_left[led], first[led], second[led])
-        is_held = self.successes.hold(states.goal, attempts_left, states.table)
-        remembered.view(size, -1).copy_(self.policy.choices_with(states, is_held))
+        attempts_left = before.attempts.left
+        self.successes.add(before.goal[led], attempts_left[led], first[led], second[led])
+        is_held = self.successes.hold(before.goal, attempts_left, before.table)
+        return self.policy.choices_with(before, is_held).view(*actions.shape, -1)
 
     def _states(self) -> States:
         """Return the environments' states, without slots that no choice needs."""
         states = states_of(self.envs)
         return states._replace(table=states.table[:, : self._slots])
-
-    def _observe(self, t: int) -> States:
-        """Copy the environments' states into the unroll, because the next step overwrites them."""
-        states = self._states()
-        unroll = self._unroll.states
-        unroll.goal[t] = states.goal
-        unroll.selection[t] = states.selection
-        unroll.table[t] = states.table
-        assert unroll.attempts is not None
-        assert states.attempts is not None
-        unroll.attempts.left[t] = states.attempts.left
-        return states
 
     def _choose(
         self,
@@ -524,22 +448,23 @@ class Impala:
 
     # --- learning ---------------------------------------------------------------------------------
 
-    def _losses(
-        self,
-        weights: Weights,
-        unroll: _Unroll,
-        is_cut: bool,
-    ) -> tuple[_Loss, _Last]:
-        """Return the losses of an unroll, and values for the metrics.
+    def _losses(self, weights: Weights) -> tuple[list[Tensor], Tensor, Tensor]:
+        """Return the losses of the last unroll, and values for the metrics.
 
         Args:
             weights: weights of the learning policy, with gradients.
-            unroll: experience of the acting policy.
-            is_cut: whether an episode continues after the unroll, so that values for the last
-                states are needed.
+
+        Returns:
+            The loss and its parts, shape () each, the first of :data:`LOSSES`; and without
+            gradients, the log-ratios of the learning and the acting policy, shape (T, B), and the
+            mixing weights, shape (T · B, S or S + 1).
         """
         config = self.config
+        unroll = self._unroll
         time = self._time
+        # Where every episode ends with the unroll, bootstrap values are 0, and the learner saves a
+        # share of 1 / (T + 1) of its work. On a device, asking would wait for pending work.
+        is_cut = self.envs.engine.arrays.on_device or not unroll.over[-1].all()
         num_states = time + 1 if is_cut else time
         # T · B; rows from here on are the states after the last step.
         acted = unroll.actions.numel()
@@ -561,17 +486,17 @@ class Impala:
 
         # Targets are constants for the gradient.
         log_rhos = log_probs.detach() - unroll.log_probs
-        targets = v_trace(
+        vs, pg_advantages = v_trace(
             log_rhos,
             unroll.discounts,
             unroll.rewards,
             values[:time].detach(),
             bootstrap,
         )
-        policy_loss = policy_gradient_loss(log_probs, targets.pg_advantages)
-        value_loss = baseline_loss(values[:time], targets.vs)
+        policy_loss = policy_gradient_loss(log_probs, pg_advantages)
+        value_loss = baseline_loss(values[:time], vs)
         # Subtracted: a policy with more entropy explores more.
-        entropy = summed_entropy(log_policies)
+        entropy = -divergence(log_policies, 0.0)
         loss = policy_loss + config.baseline_cost * value_loss - config.entropy_cost * entropy
 
         if unroll.remembered is not None:
@@ -590,7 +515,7 @@ class Impala:
             loss = loss + self._scorer_cost * divergence(log_policies, scorer_policy)
 
         lambdas = loss.new_zeros(acted, 0) if output.lambdas is None else output.lambdas[:acted]
-        return _Loss(loss, policy_loss, value_loss, entropy), _Last(log_rhos, lambdas.detach())
+        return [loss, policy_loss, value_loss, entropy], log_rhos, lambdas.detach()
 
     def _not_finite(self) -> str:
         first = self.update_number * self.config.steps_per_update
@@ -600,5 +525,16 @@ class Impala:
             f"(environment steps {first:,} to {last:,}). Train with a lower `learning_rate`."
         )
 
-    def _empty(self, *shape: int, dtype: torch.dtype = torch.float32) -> Tensor:
-        return torch.empty(*shape, dtype=dtype, device=self.device)
+    def _uniform(self, *shape: int) -> Tensor:
+        return torch.rand(*shape, generator=self._generator, device=self.device)
+
+
+def _stacked(observed: Sequence[States]) -> States:
+    """Return states (B, ...) of several times as one, (T, B, ...), with what a policy reads."""
+    attempts_left = [states.attempts.left for states in observed if states.attempts]
+    return States(
+        goal=torch.stack([states.goal for states in observed]),
+        selection=torch.stack([states.selection for states in observed]),
+        table=torch.stack([states.table for states in observed]),
+        attempts=Attempts(torch.stack(attempts_left)),
+    )

@@ -237,7 +237,10 @@ def _check_spaces(
     action_space: spaces.Space[Any],
     network: Policy,
 ) -> None:
-    """Raise a ConfigError unless spaces are those of a WordCraft environment that fits."""
+    """Raise a ConfigError unless spaces are those of a WordCraft environment that fits.
+
+    For scores that depend on the task, observations need the numbers of the policy's tasks.
+    """
     keys = observation_space.spaces if isinstance(observation_space, spaces.Dict) else {}
     goal = keys.get("goal")
     selection = keys.get("selection")
@@ -259,11 +262,8 @@ def _check_spaces(
             f"the policy knows {network.num_entities:,} entities but the environment has "
             f"{goal.n:,}. Make or load a policy for the environment's graph."
         )
-    _check_tasks(keys.get("task"), network)
-
-
-def _check_tasks(task: spaces.Space[Any] | None, network: Policy) -> None:
-    """Raise a ConfigError unless observations have the task numbers that the scores need."""
+    # The task numbers that the scores need.
+    task = keys.get("task")
     if network.reads_task and not isinstance(task, spaces.Discrete):
         raise ConfigError(
             "the policy's scorer is cross-fitted, so its scores depend on the task, but the "
@@ -278,11 +278,6 @@ def _check_tasks(task: spaces.Space[Any] | None, network: Policy) -> None:
 
 
 Indices = None | int | Iterable[int]
-_NOT_READ = (
-    "observations are ids of entities, and no policy of this package reads them: MultiInputPolicy "
-    "takes each id for a category of its own, and hardly learns. Use MaskableSB3Policy, or a "
-    "features extractor that looks up vectors."
-)
 
 
 class SB3VecEnv(VecEnv):
@@ -338,7 +333,11 @@ class SB3VecEnv(VecEnv):
         Environments have separate streams of this one seed, as in the vector environment.
         """
         if not getattr(self.observation_space, "read_as_ids", False):
-            logging.getLogger(__name__).warning(_NOT_READ)
+            logging.getLogger(__name__).warning(
+                "observations are ids of entities, and no policy of this package reads them: "
+                "MultiInputPolicy takes each id for a category of its own, and hardly learns. Use "
+                "MaskableSB3Policy, or a features extractor that looks up vectors."
+            )
         observations, infos = self.env.reset(seed=self._seeds[0])
         self._reset_seeds()
         return self._seen(observations, infos["task"])

@@ -88,7 +88,6 @@ from wordcraft_kg.base.settings import (
     whole as whole,
 )
 from wordcraft_kg.base.wording import (
-    approximate as approximate,
     counted as counted,
     for_html as for_html,
     for_terminal as for_terminal,

@@ -11,7 +11,6 @@ Every reader names the class of its errors, or a function that makes one of a me
 """
 
 import codecs
-import errno
 import gzip
 import hashlib
 import io
@@ -67,23 +66,19 @@ def locked(folder: Path, use: str = "trained") -> Iterator[None]:
         os.close(handle)
 
 
-def is_locked(folder: Path) -> bool | None:
-    """Return whether a process works in a folder; None if the system cannot tell."""
+def is_locked(folder: Path) -> bool:
+    """Return whether a process works in a folder; False if the system cannot tell."""
     try:
         import fcntl
-    except ImportError:  # Windows
-        return None
-    try:
+
         handle = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return None
+    except (ImportError, OSError):  # Windows, or no folder
+        return False
     try:
         # Shared, so that two readers do not take each other for a training.
         fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:
-        return None
+    except OSError as error:
+        return isinstance(error, BlockingIOError)
     finally:
         os.close(handle)
     return False
@@ -175,11 +170,6 @@ def check_file(path: Path, largest: int = LARGE_FILE) -> None:
         ArtefactError: if the file is missing, not a regular file, or too large.
     """
     if not os.path.lexists(path):
-        if is_locked(path.parent):
-            raise ArtefactError(
-                f"{path} is missing: '{path.parent}' is still being written by another process. "
-                "Wait until it is done."
-            )
         raise ArtefactError(
             f"{path} is missing; the folder is incomplete or not of the expected kind."
         )
@@ -470,22 +460,22 @@ def _staged(out: Path, name: str = "", *, force: bool) -> Iterator[Path]:
             staged = temporary / name
             yield staged
             if not force:
-                try:
-                    # Unlike a rename, a link replaces nothing.
+                # Unlike a rename, a link replaces nothing. Folders and some disks have no links.
+                with suppress(OSError):
                     os.link(staged, target)
                     return
-                except OSError:  # of a folder, or on a file system without hard links
-                    if os.path.lexists(target):
-                        raise _written_meanwhile(out) from None
+                if os.path.lexists(target):
+                    raise OutputExistsError(
+                        f"another process has written '{out}' meanwhile, and nothing of this one "
+                        "was kept. Choose another `out`, or replace it with `force`."
+                    )
             try:
                 # A rename replaces a file, but no folder with content. A file never takes the place
                 # of a folder.
                 if force and not name and target.is_dir():
                     os.rename(target, earlier)
                 os.replace(staged, target)
-            except BaseException as error:
-                if isinstance(error, OSError) and error.errno in (errno.EEXIST, errno.ENOTEMPTY):
-                    raise _written_meanwhile(out) from None
+            except BaseException:
                 if earlier.exists() and not target.exists():
                     os.rename(earlier, target)
                 raise
@@ -494,13 +484,6 @@ def _staged(out: Path, name: str = "", *, force: bool) -> Iterator[Path]:
             # An earlier folder that could not be restored stays.
             if target.exists():
                 shutil.rmtree(earlier, ignore_errors=True)
-
-
-def _written_meanwhile(out: Path) -> OutputExistsError:
-    return OutputExistsError(
-        f"another process has written '{out}' meanwhile, and nothing of this one was kept. Choose "
-        "another `out`, or replace it with `force`."
-    )
 
 
 MakeError = Callable[[str], WordCraftKGError]

@@ -283,9 +283,6 @@ def nearest(
 
 
 VECTORS = ("auto", "minilm", "glove", "one-hot", "random")
-LEARNED = "learned"
-"""Name of the vectors that a policy learns itself, instead of given vectors."""
-NAMES = (*VECTORS, LEARNED)
 """Reserved feature names; for a file with a reserved name, write a path such as ``./glove``."""
 SHUFFLED = "shuffled:"
 
@@ -295,7 +292,7 @@ class FeatureSpec:
     """A parsed specification: ``glove``, ``vectors.txt`` or ``shuffled:vectors.txt``.
 
     Attributes:
-        source: a name in :data:`NAMES`, or the path to a file or folder with vectors.
+        source: a name in :data:`VECTORS`, or the path to a file or folder with vectors.
         prefix: ``shuffled:`` (assign the vectors to random entities), as often as written; empty
             without shuffling.
     """
@@ -314,8 +311,8 @@ class FeatureSpec:
 
     @property
     def is_path(self) -> bool:
-        """Whether the source is a path, not a name in :data:`NAMES`."""
-        return self.source not in NAMES
+        """Whether the source is a path, not a name in :data:`VECTORS`."""
+        return self.source not in VECTORS
 
     def __str__(self) -> str:
         return self.prefix + self.source

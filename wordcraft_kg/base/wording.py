@@ -1,4 +1,4 @@
-"""Texts: numbers in sentences, foreign text in an output, look-alike names, and spelling.
+"""Texts: numbers in sentences, foreign text in an output, and spelling.
 
 There is one function for each format of an output. A label, a name, a path or a commit of a hub is
 foreign text: it may hold escape codes of terminals, marks that reorder a line, links or headings.
@@ -15,7 +15,6 @@ vectors. Answers in texts are read more leniently, see :mod:`wordcraft_kg.base.l
 import re
 import unicodedata
 from collections.abc import Callable, Iterable, Sequence
-from decimal import Decimal
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
@@ -67,15 +66,6 @@ def listed(names: Sequence[str], most: int = 10, total: int | None = None) -> st
     num_hidden = (len(names) if total is None else total) - most
     ending = f" and {num_hidden:,} more" if num_hidden > 0 else ""
     return ", ".join(names[:most]) + ending
-
-
-def approximate(number: int) -> str:
-    """Return a natural number as text: digits such as ``1,200``, or from 10^12 a power of ten."""
-    if number < 10**12:
-        return f"{number:,}"
-    # Python does not print more than 4,300 digits, and such a number exceeds a float.
-    leading, exponent = f"{Decimal(number):.1e}".split("e+")
-    return f"about {float(leading):g} × 10^{exponent}"
 
 
 _BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
@@ -145,75 +135,6 @@ def for_json(dumped: str) -> str:
 def _code(match: re.Match[str]) -> str:
     """Return the code that stands for a character, such as ``<U+001B>``."""
     return f"<U+{ord(match[0]):04X}>"
-
-
-# Letters of other scripts, and digits, that look like a Latin letter in common fonts: the frequent
-# part of the confusables of Unicode Technical Standard 39, after case folding. The scripts are
-# Cyrillic, Greek, Armenian, Lisu (\ua4d0 and on) and Cherokee (\u13a0 and on).
-_LOOKS_LIKE = {
-    "a": "\u0430\u03b1\u0251\ua4ee\u13aa",
-    "b": "\u0432\u044c\u03b2\ua4d0\u13cf\u13f4",
-    "c": "\u0441\u03f2\ua4da\u13df",
-    "d": "\u0501\ua4d3\u13a0\u13e7",
-    "e": "\u0435\u0454\u03b5\ua4f0\u13ac",
-    "f": "\ua4dd",
-    "g": "\u0261\u0581\ua4d6\u13c0",
-    "h": "\u043d\u04bb\u0570\ua4e7\u13bb\u13c2",
-    "j": "\u0458\u03f3\ua4d9\u13ab",
-    "k": "\u043a\u03ba\ua4d7\u13e6",
-    "l": "1i|\u0456\u03b9\u0131\u04cf\u0269\u05d5\ua4f2\u13a5\ua4e1\u13de",
-    "m": "\u043c\ua4df\u13b7",
-    "n": "\u0578\u03b7\ua4e0",
-    "o": "0\u043e\u03bf\u0585\u03c3\u0665\u06f5\ua4f3",
-    "p": "\u0440\u03c1\ua4d1\u13e2",
-    "q": "\u051b",
-    "r": "\u0433\ua4e3\u13a1\u13d2",
-    "s": "\u0455\ua4e2\u13d5\u13da",
-    "t": "\u0442\u03c4\ua4d4\u13a2",
-    "u": "\u057d\u03c5\u028b\ua4f4",
-    "v": "\u03bd\u0475\ua4e6\u13d9",
-    "w": "\u0461\u051d\ua4ea\u13b3\u13d4",
-    "x": "\u0445\u03c7\ua4eb",
-    "y": "\u0443\u03b3\u04af\ua4ec\u13a9\u13bd",
-    "z": "\u03b6\ua4dc\u13c3",
-}
-_LATIN = {ord(char): letter for letter, chars in _LOOKS_LIKE.items() for char in chars}
-# Greek capitals like a Latin capital whose small letters look like another letter, or like none.
-_CAPITALS = str.maketrans("\u0397\u039c\u039d\u03a5", "HMNY")
-# Letters with a hook or stroke, and Latin capitals in the size of small letters, in boxes or as the
-# letters of flags.
-_VARIANT = re.compile(
-    "(?:LATIN (?:SMALL LETTER|LETTER SMALL CAPITAL)|NEGATIVE (?:CIRCLED|SQUARED) LATIN CAPITAL "
-    "LETTER|REGIONAL INDICATOR SYMBOL LETTER) ([A-Z])(?: WITH .*)?"
-)
-
-
-def look_alike_key(name: str) -> str:
-    r"""Return a key that names share if readers can hardly tell them apart.
-
-    Compatibility forms, case, accents, blanks, kinds of dashes, small capitals, and letters of
-    other scripts or digits in the place of Latin letters make no difference.
-
-    Example:
-        >>> look_alike_key("r\u0430nd0m") == look_alike_key("Random")
-        True
-    """
-    # Decomposed twice: case folding may compose anew, and compatibility forms may hold capitals.
-    latin = unicodedata.normalize("NFKD", name).translate(_CAPITALS)
-    plain = unicodedata.normalize("NFKD", latin.casefold())
-    letters = "".join(_letter(char) for char in plain).translate(_LATIN)
-    # Two letters that look like one in most fonts.
-    return letters.replace("rn", "m").replace("vv", "w")
-
-
-def _letter(char: str) -> str:
-    category = unicodedata.category(char)
-    if category == "Pd" or char == "\u2212":  # dashes, and the minus sign
-        return "-"
-    if category.startswith(("M", "Z", "C")):  # accents, blanks, invisible characters
-        return ""
-    variant = _VARIANT.fullmatch(unicodedata.name(char, ""))
-    return variant[1].lower() if variant else char
 
 
 _VARIATION_SELECTORS = re.compile("[\ufe00-\ufe0f\U000e0100-\U000e01ef]")

@@ -2,9 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -23,7 +22,7 @@ from wordcraft_kg.cli.console import (
 )
 from wordcraft_kg.cli.options import Book, Graph, MovedGraph, OptionalBook, Part, Table, Words
 from wordcraft_kg.envs.draws import MOST_TASKS
-from wordcraft_kg.envs.world_config import DistractorPolicy, WordCraftConfig
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.evaluation.discovery import (
     DiscoveryView,
     KnownEntities,
@@ -35,12 +34,10 @@ from wordcraft_kg.models.policies.sources import label_of
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.explanation import ExplainedEpisode, ExplainedStep
-    from wordcraft_kg.evaluation.agents import Baselines
 
 EXAMPLES = {
     "evaluate-agent": (
         "wordcraft-kg evaluate-agent runs/no-kg --part test --distractors 1,8 --distractor-seeds 5",
-        "wordcraft-kg evaluate-agent runs/partial --agent kg-only",
         "wordcraft-kg evaluate-agent graphs/everyday --scorer models/everyday",
         "wordcraft-kg evaluate-agent graphs/everyday --scorer models/everyday --depth 2 "
         "--limit 2000",
@@ -60,8 +57,6 @@ EXAMPLES = {
     ),
 }
 
-FILE_ONLY = {"evaluate-agent": ("--distractor-policy",)}
-
 
 @dataclass(frozen=True)
 class TaskOptions:
@@ -72,29 +67,12 @@ class TaskOptions:
             scripted players.
         distractor_seeds: distractor seeds for each task; all players get the same tables. Default:
             5, or 1 for a part with more than 6,000 tasks.
-        distractor_policy: any; no_shortcut, so that no distractor opens an additional way to the
-            goal; or no_train_shortcut, so that none opens an additional way by train recipes alone.
-            Default: as in training; any for scripted players.
         limit: most tasks to play; of more, evenly spaced ones are played.
     """
 
     distractors: Words = None
     distractor_seeds: int | None = None
-    distractor_policy: DistractorPolicy | None = None
     limit: int = MOST_TASKS
-
-
-@dataclass(frozen=True)
-class RunOptions:
-    """Options for a trained agent.
-
-    Attributes:
-        agent: trained, random (chance), oracle (knows all recipes), or kg-only (the run's scorer
-            without the network).
-    """
-
-    agent: Literal["trained", "random", "oracle", "kg-only"] = "trained"
-    graph: MovedGraph = None
 
 
 @dataclass(frozen=True)
@@ -124,7 +102,7 @@ def evaluate_agent(
     *,
     part: Part = "test",
     played: Annotated[TaskOptions, Parameter(name="*", group="Tasks")] = TaskOptions(),
-    trained: Annotated[RunOptions, Parameter(name="*", group="Trained agent")] = RunOptions(),
+    graph: MovedGraph = None,
     scripted: Annotated[
         ScriptedOptions, Parameter(name="*", group="Scripted players")
     ] = ScriptedOptions(),
@@ -146,23 +124,21 @@ def evaluate_agent(
         from wordcraft_kg.agents.agent_folder import open_agent
         from wordcraft_kg.evaluation.agents import view_evaluation
 
-        opened = open_agent(Path(run), trained.graph)
+        opened = open_agent(Path(run), graph)
         amounts = whole_numbers(
             "distractors", played.distractors or [str(opened.config.tasks.distractors)]
         )
         view = view_evaluation(
             Path(run),
             opened,
-            trained.agent,
             part,
             amounts,
             played.distractor_seeds,
-            played.distractor_policy,
             played.limit,
         )
         rows = [
             {
-                "player": view.agent,
+                "player": "trained",
                 "distractors": int(amount),
                 "success": success.mean,
                 "interval": (success.ci_low, success.ci_high),
@@ -172,10 +148,10 @@ def evaluate_agent(
         ]
         output.result(view, [*lines_of(view), *view.notes(), *write_table(table, rows)])
     else:
-        refuse_given(trained, f"a trained agent, and '{run}' is not a run folder")
+        if graph is not None:
+            raise ConfigError(f"`graph` is for a trained agent, and '{run}' is none; leave it out.")
         amounts = whole_numbers("distractors", played.distractors or ["1,2,8"])
-        policy = played.distractor_policy or WordCraftConfig.distractor_policy
-        config = WordCraftConfig(part, scripted.depth, amounts[0], distractor_policy=policy)
+        config = WordCraftConfig(part, scripted.depth, amounts[0])
         from wordcraft_kg.evaluation.agents import ExternalPlayer, view_baselines
 
         external = None
@@ -184,14 +160,14 @@ def evaluate_agent(
                 raise ConfigError(f"`seed` {scripted.seed}: `player` has the tables of seed 0.")
             external = ExternalPlayer(scripted.player, scripted.out, scripted.timeout)
 
-        graph = open_graph(run)
+        opened_graph = open_graph(run)
         model = None
         if scripted.scorer is not None:
             from wordcraft_kg.models.model_folder import open_model
 
             model = scripted.scorer.name, open_model(scripted.scorer, run)
         baselines = view_baselines(
-            graph,
+            opened_graph,
             run,
             config,
             amounts,
@@ -212,43 +188,17 @@ def evaluate_agent(
             }
             for row in baselines.rows
         ]
-        text = [*_table(baselines, amounts), *write_table(table, rows)]
+        seeds = counted(baselines.distractor_seeds, "distractor seed")
+        tasks = f"{baselines.tasks:,} {baselines.part} tasks of depth {baselines.depth}"
+        text = [
+            *text_table(rows),
+            f"{tasks}, each with {seeds}; intervals: {baselines.intervals}",
+            *(f"{goals}: {share:.0%} of the tasks" for goals, share in baselines.shares.items()),
+            "by plan: success by the task's own recipe; the rest by other recipes for the goal, "
+            "such as train recipes",
+            *write_table(table, rows),
+        ]
         output.result(baselines, text)
-
-
-def _table(view: "Baselines", amounts: list[int]) -> list[str]:
-    cells = {
-        (row.player, row.goals, row.distractors): (
-            f"{row.success:.3f} [{row.low:.3f}, {row.high:.3f}]",
-            f"{row.by_plan:.3f}",
-        )
-        for row in view.rows
-    }
-    rows = [
-        (
-            "success",
-            *chain.from_iterable((counted(amount, "distractor"), "own") for amount in amounts),
-        )
-    ]
-    for name, goals in dict.fromkeys((name, goals) for name, goals, _ in cells):
-        title = f"  {goals}" if goals else name
-        rows.append((title, *chain.from_iterable(cells[name, goals, amount] for amount in amounts)))
-    distractor_seeds = counted(view.distractor_seeds, "distractor seed")
-    tasks = f"{view.tasks:,} {view.part} tasks of depth {view.depth}, each with {distractor_seeds}"
-    policy = (
-        "" if view.distractor_policy == "any" else f"; distractor policy {view.distractor_policy}"
-    )
-    own = (
-        "own: success by the task's own recipe; the rest by other recipes for the goal, such as "
-        "train recipes"
-    )
-    shares = [f"{goals}: {share:.0%} of the tasks" for goals, share in view.shares.items()]
-    return [
-        *aligned(rows, numbers=True),
-        f"{tasks}{policy}; intervals: {view.intervals}",
-        *shares,
-        own,
-    ]
 
 
 def explain(
@@ -256,7 +206,7 @@ def explain(
     *,
     goal: str | None = None,
     task: int | None = None,
-    episodes: int | None = None,
+    episodes: int = 3,
     part: Part = "test",
     distractors: int | None = None,
     graph: MovedGraph = None,
@@ -274,8 +224,7 @@ def explain(
         run: run folder.
         goal: entity to make. Default: tasks spread evenly over the part.
         task: number of the task, from 0.
-        episodes: episodes to play; several of a task have different distractors. Default: 3, or 1
-            with `task`.
+        episodes: episodes to play; several of a task have different distractors.
         distractors: number of distractors on the table. Default: as in training.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
@@ -283,9 +232,7 @@ def explain(
 
     if goal is not None and task is not None:
         raise ConfigError("`goal` and `task` both choose tasks; give one of them.")
-    if episodes is None:
-        episodes = 3 if task is None else 1
-    episodes = whole("episodes", episodes, 1, MAX_SIZE)
+    whole("episodes", episodes, 1, MAX_SIZE)
     agent = open_agent(run, graph)
     view = view_explanation(run, agent, part, distractors, goal, episodes, task=task)
     lines: list[str] = []

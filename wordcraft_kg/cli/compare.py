@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
-from msgspec.structs import replace
 
 from wordcraft_kg.base import ConfigError, check_output
 from wordcraft_kg.cli.console import (
@@ -76,14 +75,8 @@ def compare(
         raise ConfigError("compare needs run folders (agents) or model folders (link predictors).")
     folders = [run_folders(run) for run in runs]
     kinds = [read_run(seeds[0], "a run of an agent or a link predictor").kind for seeds in folders]
-    agent = next((run for run, kind in zip(runs, kinds, strict=True) if kind == AGENT), None)
-    predictor = next((run for run, kind in zip(runs, kinds, strict=True) if kind != AGENT), None)
-    if agent and predictor:
-        mixture = f"'{agent}' is an agent and '{predictor}' is a link predictor"
-        raise ConfigError(
-            f"{mixture}: they cannot be compared. Give agents only, or link predictors only."
-        )
-    if agent:
+    # A link predictor among agents is refused by its name when it is opened.
+    if AGENT in kinds:
         everyone = list(chain.from_iterable(folders))
         _compare_agents(everyone, agents, graph, out, table, force, output)
     else:
@@ -102,7 +95,7 @@ def _compare_agents(
     output: Output,
 ) -> None:
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.evaluation.agents import group_agents, summarise_agents, view_agents
+    from wordcraft_kg.evaluation.agents import group_agents, view_agents
     from wordcraft_kg.reports.agent_report import make_agent_report
     from wordcraft_kg.reports.pages import write_report
 
@@ -120,13 +113,24 @@ def _compare_agents(
     page = folder / "index.html"
     rows = rows_of_agents(view)
     text = [
-        f"{view.part} tasks of depth {view.depth}; tasks resampled by {view.split.unit}, "
+        f"{view.part} tasks of depth {view.depth}; tasks resampled by {view.unit}, "
         f"differences to {view.agents[0].name}",
         *text_table(rows),
         *write_table(table, rows, force=force),
         f"wrote {folder}/   open {page}",
     ]
-    output.result(summarise_agents(view, str(page)), text)
+    # Curves and episodes are in the report alone.
+    values = {
+        "report": str(page),
+        "part": view.part,
+        "depth": view.depth,
+        "agents": {
+            agent.name: {"runs": agent.runs, "seeds": agent.seeds, "success": agent.success}
+            for agent in view.agents
+        },
+        "baselines": view.baselines,
+    }
+    output.result(values, text)
 
 
 def rows_of_agents(view: "AgentsView") -> list[dict[str, Any]]:
@@ -175,7 +179,6 @@ def _compare_links(
         from wordcraft_kg.reports.link_report import comparison_page
 
         write_file(out, comparison_page(view), force=force)
-        view = replace(view, out=str(out))
     rows = [
         {
             "model": model.name,

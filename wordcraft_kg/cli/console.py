@@ -33,11 +33,8 @@ from wordcraft_kg.base.wording import for_json
 from wordcraft_kg.runs.progress import ProgressBar, Stages
 from wordcraft_kg.runs.run_folder import Progress
 
-OUTPUT_GROUP = "Output and configuration"
-"""Title in the help of the options that every command has."""
 
-
-@Parameter(name="*", group=OUTPUT_GROUP)
+@Parameter(name="*", group="Output and configuration")
 @dataclass(frozen=True)
 class Output:
     """Common options.

@@ -28,11 +28,6 @@ class CheckResult(NamedTuple):
     result: str
     remedy: str = ""
 
-    @property
-    def text(self) -> str:
-        """Result and remedy."""
-        return f"{self.result}: {self.remedy}" if self.remedy else self.result
-
 
 def doctor(*, output: Output = Output()) -> int:
     """Check the installation: Python, packages, torch and extras.
@@ -42,7 +37,10 @@ def doctor(*, output: Output = Output()) -> int:
     """
     findings = list(_findings())
     passed = all(finding.state != "error" for finding in findings)
-    rows = [(finding.state, finding.check, finding.text) for finding in findings]
+    rows = [
+        (state, check, f"{result}: {remedy}" if remedy else result)
+        for check, state, result, remedy in findings
+    ]
     values = {"passed": passed, "findings": [finding._asdict() for finding in findings]}
     output.result(values, aligned(rows))
     return 0 if passed else 1

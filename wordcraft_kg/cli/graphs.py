@@ -36,8 +36,8 @@ from wordcraft_kg.cli.options import Base, Book, FetchableBook, FileOptions, For
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.evaluation.books import (
-    BookList,
     CheckedBook,
+    ListedBook,
     TaskListing,
     view_books,
     view_check,
@@ -55,12 +55,16 @@ from wordcraft_kg.graphs import (
     write_graph_folder,
 )
 from wordcraft_kg.graphs.audit import Audit, EntityView, view_entity
-from wordcraft_kg.graphs.book_check import Finding
 from wordcraft_kg.graphs.book_files import book_name
 from wordcraft_kg.graphs.export import EXPORTERS, ExportPart, Format, export_graph
-from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE, fetch_book, published_fold
+from wordcraft_kg.graphs.library import (
+    DATA_VARIABLE,
+    FETCHABLE,
+    data_folder,
+    fetch_book,
+    published_fold,
+)
 from wordcraft_kg.graphs.planner import derivation_tree
-from wordcraft_kg.graphs.recipes import case_variants, note_of_missing
 from wordcraft_kg.graphs.splits import default_config, read_published_split
 
 EXAMPLES = {
@@ -121,13 +125,13 @@ def books(*, fetch: FetchableBook = None, output: Output = Output()) -> None:
             [f"{fetch} is in {path} ({book.note})", f"next: wordcraft-kg build-graph {fetch}"],
         )
     else:
-        view = view_books()
-        output.result(view, _text_of_books(view))
+        books = view_books()
+        output.result({"books": books}, _text_of_books(books))
 
 
-def _text_of_books(view: BookList) -> Iterator[str]:
+def _text_of_books(books: Sequence[ListedBook]) -> Iterator[str]:
     rows = []
-    for book in view.books:
+    for book in books:
         # A built-in book is in the package, wherever that is.
         place = ""
         if book.origin != "built in":
@@ -142,7 +146,7 @@ def _text_of_books(view: BookList) -> Iterator[str]:
         rows.append(row)
     yield from text_table(rows)
     yield "with invented words: made-up:BOOK, such as made-up:everyday; made-up-3:BOOK with seed 3"
-    folder = view.data_folder or "not set"
+    folder = data_folder() or "not set"
     yield f"your own: any path, or files in the folder that {DATA_VARIABLE} names ({folder})"
 
 
@@ -178,22 +182,12 @@ def check_book(
     return 0 if view.passed else 1
 
 
-def _where(finding: Finding) -> str:
-    """Return the lines of a finding before its message; a finding about the whole file has none."""
-    if not finding.lines:
-        return ""
-    noun = "line" if len(finding.lines) == 1 else "lines"
-    numbers = ", ".join(map(str, finding.lines))
-    return f"{noun} {numbers}: "
-
-
 def _left_out(view: CheckedBook) -> Iterator[str]:
     """Yield what the mended book lacks: rows by reason with their places, and columns."""
     assert view.reading is not None
     for reason, places in view.left_out.items():
         number = view.reading.left_out[reason]
-        ellipsis = ", ..." if number > len(places) > 0 else ""
-        at = f" (at {', '.join(map(str, places))}{ellipsis})" if places else ""
+        at = f" (at {listed([*map(str, places)], total=number)})" if places else ""
         yield f"left out: {counted(number, 'row')} {reason}{at}"
     if view.columns_left_out:
         yield f"left out: the columns {', '.join(view.columns_left_out)}"
@@ -208,7 +202,10 @@ def _text_of_check(view: CheckedBook) -> Iterator[str]:
         kind = f"{finding.severity} [{finding.kind}]"
         counts[kind] += 1
         if counts[kind] <= _MOST_FINDINGS:
-            yield f"{kind} {_where(finding)}{with_options(finding.message)}"
+            # A finding about the whole file has no lines.
+            noun = "line" if len(finding.lines) == 1 else "lines"
+            where = f"{noun} {', '.join(map(str, finding.lines))}: " if finding.lines else ""
+            yield f"{kind} {where}{with_options(finding.message)}"
     # Kinds that were cut say so after all findings, where the eye ends.
     for kind, number in counts.items():
         if number > _MOST_FINDINGS:
@@ -283,7 +280,7 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
         kind = default_config(graph).kind if split is None else split
         partition = make_split(graph, SplitConfig(kind, train_ratio, valid_ratio, seed))
     audited = write_graph_folder(folder, recipes, partition, force=force)
-    _warn(audited, graph.entities)
+    _warn(audited)
     full = ("--kg", "full") if split == "none" else ()
     following = command_line("train-recipes", folder, *full)
     end = f"wrote {folder}/   next: {following}"
@@ -347,7 +344,7 @@ def describe(
         output.result(view, _entity_text(view))
         return
     audited = audit(opened.graph, opened.split)
-    _warn(audited, opened.graph.entities)
+    _warn(audited)
     title = f"graph {opened.graph.name}"
     output.result(audited, [title, *lines_of(audited, of_sets=audited.sets is not None)])
 
@@ -389,7 +386,7 @@ def lines_of_build(view: Audit) -> Iterator[str]:
     yield from aligned(rows)
 
 
-def _warn(audited: Audit, labels: Sequence[str]) -> None:
+def _warn(audited: Audit) -> None:
     """Warn about the base, unreachable entities, and labels that may be slips."""
     warn = logging.getLogger(__name__).warning
     base = listed([*map(quoted, audited.base)])
@@ -415,20 +412,14 @@ def _warn(audited: Audit, labels: Sequence[str]) -> None:
         warn("%s entities cannot be made from the base (%s): %s", number, base, names)
     # A chat bot lists results as Lava and ingredients as lava: then half of the recipes are out of
     # reach, and nothing else names the cause.
-    variants = case_variants(labels)
-    if variants:
-        number = f"{len(variants):,} groups of labels differ"
-        if len(variants) == 1:
-            number = "2 labels differ"
-        shown = listed([" and ".join(map(quoted, group)) for group in variants])
+    if audited.labels.alike:
+        groups = [" and ".join(map(quoted, group)) for group in audited.labels.alike_labels]
         warn(
-            "%s only in case: %s. If they are the same thing, read the book with --case fold.",
-            number,
-            shown,
+            "%s of labels are alike: %s. If labels differ only in case and are the same thing, "
+            "read the book with --case fold.",
+            counted(audited.labels.alike, "group"),
+            listed(groups, total=audited.labels.alike),
         )
-    # Labels that often stand for nothing, such as NA, and are entities.
-    for note in note_of_missing(labels):
-        warn("%s; leave such rows out where they mean a missing value or no result.", note)
 
 
 def _entity_text(view: EntityView) -> Iterator[str]:

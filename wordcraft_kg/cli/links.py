@@ -14,6 +14,8 @@ from wordcraft_kg.base import (
     check_output,
     counted,
     dump_json,
+    listed,
+    nearest,
     staged_folder,
     whole,
     write_atomically,
@@ -32,7 +34,6 @@ from wordcraft_kg.cli.console import (
 )
 from wordcraft_kg.cli.options import Force, MovedGraph, Paths, Table, Words
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.scorers.score_limits import MAX_QUERIES
 from wordcraft_kg.models.scorers.sets.rules import read_rule
 
 if TYPE_CHECKING:
@@ -46,7 +47,6 @@ if TYPE_CHECKING:
 
 EXPLAINED = 3
 """Number of answers that are shown with evidence."""
-FILE_ONLY = {"evaluate-links": ("--max-queries",)}
 EXAMPLES = {
     "evaluate-links": (
         "wordcraft-kg evaluate-links models/everyday",
@@ -69,11 +69,10 @@ EXAMPLES = {
 }
 
 
-def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
+def evaluate_links(
     model: Path,
     *,
     graph: MovedGraph = None,
-    max_queries: int = MAX_QUERIES,
     predictions: Paths = None,
     rule: str | None = None,
     out: Path | None = None,
@@ -89,15 +88,13 @@ def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
 
     Args:
         model: model folder.
-        max_queries: most queries to rank, two for each triple; above this, a uniform sample is
-            ranked. 0 ranks all.
         predictions: for a model of sets, a JSON file with sets of ingredients by goal, best first,
             such as {"mud": [["earth", "water"]]}, perhaps gzipped; may be repeated.
         rule: for a model of sets, function of yours, module:function, that allows sets: it takes a
             tuple of ingredients and the goal, and returns True or False.
         out: folder to write. Default: report/ in the model folder.
     """
-    from wordcraft_kg.evaluation.links import summarise_links, view_links
+    from wordcraft_kg.evaluation.links import view_links
     from wordcraft_kg.evaluation.ranked_links import rank_links
     from wordcraft_kg.evaluation.suggestions import is_set_model
     from wordcraft_kg.models.model_folder import open_model
@@ -119,10 +116,9 @@ def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
         trained.opened,
         trained.kg,
         train_sample=trained.train_sample,
-        made_by_other_books=trained.made_by_other_books,
-        max_queries=max_queries,
+        made_by_other_books=trained.history.made_by_other_books,
     )
-    view = view_links(links, name=model.name, provenance=trained.provenance, trace=trained.trace)
+    view = view_links(links, name=model.name, provenance=trained.provenance)
     write_report(make_link_report(view, links.labelled_ranks), folder, force=force)
     rows = _rows_of_evaluation(view)
     text = [
@@ -131,7 +127,7 @@ def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
         *write_table(table, rows, force=force),
         f"wrote {folder}/   open {folder / 'index.html'}",
     ]
-    output.result(summarise_links(view, str(folder / "index.html")), text)
+    output.result(view, text)
     # Coverage depends on the split (by-goal splits lack coverage); if another check fails, no
     # metric is valid.
     failed = [check for check in view.checks if not check.passed and check.id != "coverage"]
@@ -162,14 +158,13 @@ def _evaluate_sets(
         shares = {f"{name} ({top.goals:,})": _shares(top) for name, top in method.columns.items()}
         rows.append({"right set in the first 1, 3, 5, 10": method.name, **shares})
     calibration = f"calibration error {view.calibration_error:.3f} of the first five sets"
-    unanswered = f"; no set for {view.unanswered:,} goals" if view.unanswered else ""
     num_goals = view.methods[0].columns["all"].goals
     few = [
         f"{method.name}: answers for {method.answered:,} of {num_goals:,} goals"
-        for method in view.methods[1:]
-        if method.answered is not None and method.answered < num_goals
+        for method in view.methods
+        if method.answered < num_goals
     ]
-    lines = [*text_table(rows), *few, calibration + unanswered, f"wrote {folder}/"]
+    lines = [*text_table(rows), *few, calibration, f"wrote {folder}/"]
     if view.has_rule:
         lines.append(f"the model's sets are those that {rule} allows")
     if view.trained_on == "full":
@@ -186,21 +181,19 @@ def _shares(top: "TopShares") -> str:
 
 def _rows_of_evaluation(view: "LinkView") -> list[dict[str, Any]]:
     """Return the table of an evaluation: the model, baselines, and the model on some triples."""
+    from wordcraft_kg.evaluation.links import NO_NEAR_SYNONYM
+
     name = view.model.name
     tables: list[tuple[str, str, RankingMetrics]]
     tables = [(name, part, view.metrics[part]) for part in ("all", *RELATIONS)]
     tables += [(baseline, "all", parts["all"]) for baseline, parts in view.baselines.items()]
     if not view.model.has_seen_the_test_recipes:
         # Recipes that do not nearly repeat a train recipe.
-        tables += [
-            (name, "no near-synonym", row)
-            for row in view.drill_down.near_synonyms
-            if row.slice == "no such train recipe"
-        ]
-        tables += [(name, row.slice, row) for row in view.drill_down.other_book]
-        if view.leaked_left_out and view.model.kg != "none":
-            # Training contains them, so the metrics are inflated by memory.
-            tables.append((name, "with leaked (seen)", view.with_leaked))
+        distant = view.drill_down.get("near_synonyms", {}).get(NO_NEAR_SYNONYM)
+        if distant:
+            tables.append((name, "no near-synonym", distant))
+        by_book = view.drill_down.get("other_book", {})
+        tables += [(name, goals, metrics) for goals, metrics in by_book.items()]
     return [
         {
             "model": model,
@@ -215,8 +208,6 @@ def _rows_of_evaluation(view: "LinkView") -> list[dict[str, Any]]:
 
 
 def _notes_of_evaluation(view: "LinkView") -> Iterator[str]:
-    from wordcraft_kg.evaluation.links import has_few_test_recipes
-
     ranked = f"{view.triples:,}"
     if view.sampled_from is not None:
         ranked = f"a uniform sample of {view.triples:,} of {view.sampled_from:,}"
@@ -227,13 +218,13 @@ def _notes_of_evaluation(view: "LinkView") -> Iterator[str]:
     best = view.comparisons[0]
     low, high = best.ci
     lead = f"{best.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
-    yield f"{best.compared} the best baseline, {best.baseline}: {lead}"
-    if has_few_test_recipes(view):
+    yield f"{best.verdict} the best baseline, {best.baseline}: {lead}"
+    if view.has_few_test_recipes:
         count = f"{view.split.test_recipes:,} test recipes"
         yield f"only {count}: another seed of the split may change the verdict"
-    if view.in_sample:
-        left_out = f"MRR {view.in_sample.left_out_mrr:.3f} on train triples left out of training"
-        yield f"cross-fitted: {left_out} ({view.in_sample.in_sample_mrr:.3f} in-sample)"
+    if view.folds:
+        left_out = f"MRR {view.folds.mrr:.3f} on train triples left out of training"
+        yield f"cross-fitted: {left_out} ({view.folds.in_sample_mrr:.3f} in-sample)"
 
 
 def score(
@@ -270,33 +261,39 @@ def score(
     """
     from wordcraft_kg.evaluation.scores import (
         Scores,
-        new_words,
-        note_of_words,
+        is_recipe_query,
         parse_query,
         read_queries,
         scoring_of,
         with_new_words,
     )
-    from wordcraft_kg.evaluation.suggestions import is_set_query
+    from wordcraft_kg.evaluation.suggestions import is_set_model
     from wordcraft_kg.models.model_folder import open_model
     from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
 
     whole("top", top, 1)
     words = list(query)
-    _check_query(words, file=queries, out=out)
+    if bool(words) == (queries is not None):
+        raise ConfigError(
+            "score needs a head, a relation and optionally a tail; a recipe such as a + b; or a "
+            "query file with --in."
+        )
+    if queries is None and out is not None:
+        raise ConfigError(
+            f"--out {out}: only the scores for a file are written; add a query file with --in."
+        )
     loaded = open_model(model, graph)
-    if queries is None and is_set_query(loaded.scorer, words):
+    if queries is None and is_set_model(loaded) and is_recipe_query(words):
         output.result(*_scored_set(loaded, words, top, new_only=new_only))
         return
     entities = frozenset(loaded.scorer.entities)
     if queries is None:
         query_list = [parse_query(words, entities)]
-        if new_only and not query_list[0].is_open:
-            raise ConfigError("`new_only` filters a ranking; leave a slot open.")
+        _check_new_only(new_only, is_whole=not query_list[0].is_open)
     else:
         query_list = read_queries(queries, entities)
     outside = OutsideEvidenceFinder.open(model, loaded.opened)
-    loaded = with_new_words(loaded, model, query_list)
+    loaded = with_new_words(loaded, model, query_list, queries)
     check_file(out, force=force)
     scoring = scoring_of(loaded, query_list[0], outside)
     answers = tuple(
@@ -304,12 +301,17 @@ def score(
     )
     # Scores that go into a file are not printed as well; what qualifies them always is.
     lines = [] if out else list(_lines(answers, len(loaded.scorer.entities)))
-    lines += [*note_of_words(loaded), *_notes(loaded.kg, answers)]
+    graph_entities = loaded.opened.graph.entities
+    new_words = tuple(loaded.scorer.entities[len(graph_entities) :])
+    if new_words:
+        # A single new entity may be a misspelling that has a vector, too.
+        hint = nearest(new_words[0], graph_entities) if len(new_words) == 1 else ""
+        labels = listed([f"'{label}'" for label in new_words], most=5)
+        lines.append(f"not in the graph, scored by words alone: {labels}.{hint}")
+    lines += _notes(loaded.kg, answers)
     printed_answers = answers if out is None else ()
     file = None if out is None else str(out)
-    view = Scores(
-        len(query_list), len(answers), loaded.kg, new_words(loaded), printed_answers, file
-    )
+    view = Scores(len(query_list), len(answers), loaded.kg, new_words, printed_answers, file)
     if out is not None:
         write_file(out, _table(query_list[0].columns, answers, out), force=force)
         lines.append(f"wrote {out}: {len(answers):,} scores for {len(query_list):,} queries")
@@ -324,8 +326,7 @@ def _scored_set(
 
     entities = frozenset(model.opened.graph.entities)
     ingredients, result, size = parse_set(words, entities)
-    if ingredients and new_only:
-        raise ConfigError("`new_only` filters a ranking; leave a slot open.")
+    _check_new_only(new_only, is_whole=bool(ingredients))
     if ingredients:
         view = score_set(model, ingredients, result)
     else:
@@ -333,20 +334,9 @@ def _scored_set(
     return view, list(suggestion_lines(view))
 
 
-def _check_query(words: list[str], *, file: Path | None, out: Path | None) -> None:
-    signs = ("+", "->", "→")
-    is_query = len(words) > 1 or any(sign in word for word in words for sign in signs)
-    has_file = file is not None
-    # Either words or a file, and words alone must be a whole query.
-    if bool(words) == has_file or not (has_file or is_query):
-        raise ConfigError(
-            "score needs a head, a relation and optionally a tail; a recipe such as a + b; or a "
-            "query file with --in."
-        )
-    if file is None and out is not None:
-        raise ConfigError(
-            f"--out {out}: only the scores for a file are written; add a query file with --in."
-        )
+def _check_new_only(new_only: bool, *, is_whole: bool) -> None:
+    if new_only and is_whole:
+        raise ConfigError("`new_only` filters a ranking; leave a slot open.")
 
 
 def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str]:
@@ -362,7 +352,7 @@ def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str
             f"{'score':>9}": f"{answer.score:9.4f}",
             "part": answer.known,
             "recipe" if is_recipe else "triple": form.format(*answer.slots.values()),
-            "probability": _chance(answer.probability),
+            "probability": answer.probability,
             "": "(learned)" if answer.in_sample else None,
         }
         for answer in answers
@@ -386,14 +376,6 @@ def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str
         }
         rank_texts = ", ".join(f"{role} {rank:,}" for role, rank in roles.items())
         yield f"rank among all {num_entities:,} entities, unfiltered: {rank_texts}"
-
-
-def _chance(share: float | None) -> str | None:
-    if share is None:
-        return None
-    if share > 0.99:
-        return "> 99 %"
-    return "< 0.1 %" if share < 0.001 else f"{100 * share:.2g} %"
 
 
 def _notes(kg: "TrainedOn", answers: Sequence["ScoredAnswer"]) -> Iterator[str]:
@@ -488,7 +470,9 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
         check_new_table,
         open_suggesting,
         suggest as suggest_for,
-        write_suggestions,
+        table_lines,
+        ticked,
+        write_accepted,
     )
     from wordcraft_kg.models.recipes.recipe_records import SetMetrics
 
@@ -499,7 +483,13 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
     if accept is not None:
         if out is None or pair or goal or with_item or start or rule:
             raise ConfigError("`accept` writes a longer book to `out`; give both, and no query.")
-        _write_longer_book(book, accept, out, output)
+        recipes = ticked(accept, book)
+        write_accepted(book, recipes, out)
+        line = (
+            f"wrote {out}: {book.num_recipes:,} recipes of {book.name} and {len(recipes):,} of "
+            f"{accept}   next: {command_line('build-graph', out)}"
+        )
+        output.result({"out": str(out), "accepted": recipes}, [line])
         return
     metrics = recipe_model.metrics
     if any_parts and not isinstance(metrics, SetMetrics):
@@ -519,16 +509,12 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
         new_only=goal is None,
         rule=user_rule,
     )
-    if not (view.suggestions or view.made):
-        raise ConfigError(
-            f"nothing is left to propose: {book.name} has all recipes that the model looks at. Ask "
-            "for another pair, item or goal."
-        )
     lines = list(suggestion_lines(view))
     if isinstance(metrics, SetMetrics) and not any(metrics.fold_top):
         lines.append("In training no unseen goal got a right set: these suggestions are guesses.")
     if out is not None:
-        write_suggestions(view.suggestions, out)
+        delimiter = "," if out.suffix.lower() == ".csv" else "\t"
+        write_file(out, table_lines(view.suggestions, delimiter), force=False)
         count = counted(len(view.suggestions), "suggestion")
         lines.append(f"wrote {out}: {count}; put x into the column accept, then --accept {out}")
     output.result(view, lines)
@@ -560,18 +546,6 @@ def _read_wish(
     return Wish(goal=goal, item=item, pair=labels, table=table)
 
 
-def _write_longer_book(book: "RecipeGraph", table: Path, out: Path, output: Output) -> None:
-    from wordcraft_kg.evaluation.suggestions import ticked, write_accepted
-
-    recipes = ticked(table, book)
-    write_accepted(book, recipes, out)
-    lines = [
-        f"wrote {out}: {book.num_recipes:,} recipes of {book.name} and "
-        f"{len(recipes):,} of {table}   next: {command_line('build-graph', out)}"
-    ]
-    output.result({"out": str(out), "accepted": recipes}, lines)
-
-
 def suggestion_lines(view: "Suggestions") -> Iterator[str]:
     """Yield suggestions, or a scored set, as lines of text."""
     if view.new:
@@ -599,11 +573,10 @@ def _suggestion_rows(suggestions: "Sequence[Suggestion]") -> Iterator[str]:
     rows = []
     for suggestion in suggestions:
         place = suggestion.known if suggestion.steps is None else f"step {suggestion.steps}"
-        recipe = f"{' + '.join(suggestion.ingredients)} -> {suggestion.result}"
-        rows.append((f"{suggestion.probability:>11.3f}", place, recipe))
+        rows.append((f"{suggestion.probability:>11.3f}", place, str(suggestion.recipe)))
     lines = aligned(rows)
     for line, suggestion in zip(lines, suggestions, strict=True):
         yield line
         if suggestion.because:
-            supports = (f"{near} ({near.strength:.2g})" for near in suggestion.because)
+            supports = (f"{recipe} ({strength:.2g})" for recipe, strength in suggestion.because)
             yield f"{'':11}  because {', '.join(supports)}"

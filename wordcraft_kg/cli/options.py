@@ -58,7 +58,7 @@ Seeds = Annotated[
 Trackers = Annotated[
     Words,
     Parameter(
-        help="metric trackers, comma-separated: tensorboard, wandb (offline); each needs an extra."
+        help="metric trackers, comma-separated: tensorboard, which needs the extra of its name."
     ),
 ]
 Table = Annotated[

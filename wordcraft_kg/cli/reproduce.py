@@ -2,9 +2,8 @@
 
 import shlex
 import sys
-from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -31,7 +30,7 @@ from wordcraft_kg.cli.console import (
 )
 from wordcraft_kg.cli.options import Force, Table, Words
 from wordcraft_kg.runs.run_folder import sigterm_as_interrupt
-from wordcraft_kg.studies.claims import ClaimVerdict, in_words
+from wordcraft_kg.studies.claims import ClaimVerdict
 from wordcraft_kg.studies.engine import Pool, StudyProgress, missing_tasks, run_plan
 from wordcraft_kg.studies.perform import perform
 from wordcraft_kg.studies.plan import Plan, make_plan
@@ -60,8 +59,6 @@ EXAMPLES = (
     "wordcraft-kg reproduce --show --plot",
 )
 ALL = "all"
-LISTED = 10
-"""Maximum number of tasks to list in a dry run or a failure message."""
 
 
 @dataclass(frozen=True)
@@ -87,19 +84,13 @@ class EngineOptions:
 
     Attributes:
         out: results folder; finished tasks are kept. After Ctrl-C, repeat the command to continue.
-        jobs: parallel trainings. Default: the number of cores, of the cluster with ray.
-        engine: processes of this machine, or ray: a Ray cluster whose nodes share the results
-            folder (needs the extra ray).
-        address: with ray, host:port of the head node, or auto for this machine's cluster. Default:
-            a cluster on this machine that ends with the study.
+        pool: where trainings run.
         keep: all run files, or metrics: without weights and episodes (tens of megabytes).
         dry_run: list the tasks without running anything.
     """
 
     out: Path = Path("results")
-    jobs: int | None = None
-    engine: Literal["processes", "ray"] = "processes"
-    address: str | None = None
+    pool: Annotated[Pool, Parameter(name="*")] = field(default_factory=Pool)
     keep: Literal["all", "metrics"] = "all"
     dry_run: Flag = False
 
@@ -156,9 +147,10 @@ def reproduce(  # noqa: PLR0913 - parameters are the command's options
         raise ConfigError(
             "reproduce needs a study; `wordcraft-kg reproduce --list` lists the built-in studies."
         )
-    if engine.address is not None and engine.engine != "ray":
+    if engine.pool.address is not None and engine.pool.engine != "ray":
         raise ConfigError(
-            f"`address` '{engine.address}' is for a Ray cluster; add --engine ray, or leave it out."
+            f"`address` '{engine.pool.address}' is for a Ray cluster; add --engine ray, or leave "
+            "it out."
         )
     studies = _chosen(study, changes)
     if table is not None and len(studies) > 1:
@@ -211,7 +203,8 @@ def _list(output: Output) -> int:
 def _show(
     study: str | None, root: Path, options: ShowOptions, table: Path | None, output: Output
 ) -> int:
-    from wordcraft_kg.studies.report import write_study_report
+    from wordcraft_kg.reports.pages import write_report
+    from wordcraft_kg.studies.report import make_study_report
     from wordcraft_kg.studies.view import view_study
 
     results, folder = _collect(study, root)
@@ -222,8 +215,8 @@ def _show(
     view = view_study(results)
     text = list(_lines_of(view, table, force=options.force))
     if target is not None:
-        page, *_ = write_study_report(view, target, force=options.force)
-        text.append(f"wrote {target}/   open {page}")
+        write_report(make_study_report(view), target, force=options.force)
+        text.append(f"wrote {target}/   open {target / 'index.html'}")
     output.result({"report": None if target is None else str(target), "study": view}, text)
     return 0
 
@@ -235,22 +228,15 @@ def _collect(study: str | None, root: Path) -> tuple[StudyResults, Path]:
         study: name of a study in the results folder, or a results file; None for the only study.
         root: the results folder.
     """
-    path = Path(study or "")
-    if path.suffix != ".toml" and path.is_file():
-        return read_record(path, StudyResults), path.parent
-    if path.suffix in (".toml", ".json"):
-        raise ConfigError(
-            f"'{study}' is no file of results. Give one, or the name of a study in '{root}'."
-        )
+    if study is not None and study.endswith(".json"):
+        return read_record(Path(study), StudyResults), Path(study).parent
     if study is None:
         names = studies_of(root)
-        if not names:
+        if len(names) != 1:
             raise ConfigError(
-                f"'{root}' has no results yet. Run a study first (`wordcraft-kg reproduce --list` "
-                "names them), or give the folder of its results with --out."
+                f"'{root}' has results of {', '.join(names) or 'no study yet'}; name a study, or "
+                "run one first (`wordcraft-kg reproduce --list` names them)."
             )
-        if len(names) > 1:
-            raise ConfigError(f"'{root}' has results of {', '.join(names)}; name a study.")
         # With one study in the folder, its name says nothing new.
         (study,) = names
     return collect_study(root, study), root
@@ -314,7 +300,7 @@ def _run_plan(plan: Plan, options: EngineOptions, output: Output) -> StudyProgre
         return run_plan(
             plan,
             options.out,
-            Pool(options.jobs, options.engine, options.address),
+            options.pool,
             work=work,
             command=command,
             watch=watch,
@@ -324,15 +310,10 @@ def _run_plan(plan: Plan, options: EngineOptions, output: Output) -> StudyProgre
 def _planned(plan: Plan, options: EngineOptions) -> tuple[dict[str, Any], list[str]]:
     """Return what a study would do, as JSON values and as lines of text."""
     missing = len(missing_tasks(plan, options.out))
-    kinds = Counter(task.kind for task in plan.tasks.values())
-    # Kinds are plurals: runs, scorers, graphs.
-    counts = [f"{number:,} {kind if number > 1 else kind[:-1]}" for kind, number in kinds.items()]
-    everything = ", ".join(counts)
-    title = f"{plan.study.title}: {everything}; {missing:,} to perform"
+    title = f"{plan.study.title}: {counted(len(plan.tasks), 'task')}; {missing:,} to perform"
     tasks = [{"address": task.address, "title": task.title} for task in plan.tasks.values()]
     lines = [f"  {task.address}  {task.title}" for task in plan.tasks.values()]
-    values = {"missing": missing, "tasks": tasks}
-    return values, [title, *_first(lines, "--json lists all")]
+    return {"missing": missing, "tasks": tasks}, [title, *lines]
 
 
 def _reported(
@@ -346,7 +327,8 @@ def _reported(
         root: the results folder.
         table: file for a table of the results; None for none.
     """
-    from wordcraft_kg.studies.report import write_study_report
+    from wordcraft_kg.reports.pages import write_report
+    from wordcraft_kg.studies.report import make_study_report
     from wordcraft_kg.studies.view import view_study
 
     results = collect_study(root, plan.name)
@@ -357,25 +339,17 @@ def _reported(
     values = {"done": state.done, "kept": state.kept, "failed": failures, "report": None}
     counts = f"{counted(state.done, 'task')} done, {state.kept:,} already done"
     text = [f"{counts}, {len(failures):,} failed"]
-    reasons = [f"  {title}: {error}" for title, error in failures.items()]
-    text += _first(reasons, "--json lists all")
+    text += [f"  {title}: {error}" for title, error in failures.items()]
     if not results.runs:
         # Failures say why already; results may be there, but not their graph.
         reasons = [f"no report: {gap.why}" for gap in results.missing if not failures]
         return values, [*text, *reasons[:1]]
     view = view_study(results)
-    page, *_ = write_study_report(view, folder, force=True)
+    write_report(make_study_report(view), folder, force=True)
     # After the report, which replaces the folder; small enough to keep with the page.
     write_atomically(folder / "results.json", results_text(results))
-    text = [*_lines_of(view, table), *text, f"wrote {folder}/   open {page}"]
+    text = [*_lines_of(view, table), *text, f"wrote {folder}/   open {folder / 'index.html'}"]
     return {**values, "report": str(folder)}, text
-
-
-def _first(lines: list[str], rest: str) -> list[str]:
-    """Return the first lines; ``rest`` says where all are."""
-    if len(lines) <= LISTED:
-        return lines
-    return [*lines[:LISTED], f"  and {len(lines) - LISTED:,} more; {rest}"]
 
 
 def _lines_of(view: "StudyView", table: Path | None, *, force: bool = False) -> Iterator[str]:
@@ -383,9 +357,8 @@ def _lines_of(view: "StudyView", table: Path | None, *, force: bool = False) -> 
     from wordcraft_kg.studies.report import tables_of
 
     rows = []
-    yield f"{view.title}: success on test tasks"
-    for point, shown in zip(view.points, tables_of(view), strict=True):
-        cells = [dict(zip(shown.headings, row, strict=True)) for row in shown.rows]
+    yield f"{view.study.title}: success on test tasks"
+    for point, cells in zip(view.points, tables_of(view), strict=True):
         rows += [{"at": point.title, **row, "tasks": point.tasks} for row in cells]
         yield f"{point.title} ({counted(point.tasks, 'test task')})"
         # A terminal is narrow: what says more about the trainings is in the report.
@@ -405,12 +378,14 @@ def _lines_of(view: "StudyView", table: Path | None, *, force: bool = False) -> 
     yield from write_table(table, rows, force=force)
 
 
-_OF_TRAININGS = ("success [seeds]", "train", "MRR", "reached after")
+_OF_TRAININGS = ("train", "MRR")
 """Columns of the report, on trainings and their spread, that the text leaves out."""
 
 
 def _rows_of_claims(claims: Sequence[ClaimVerdict]) -> Iterator[tuple[str, str]]:
-    for claim in claims:
-        yield f"  {claim.verdict}", claim.text
-        for measured in claim.measured:
-            yield "", f"{title_of(measured.values)}: {in_words(claim, measured)}"
+    from wordcraft_kg.studies.report import in_words
+
+    for checked in claims:
+        yield f"  {checked.verdict}", checked.claim.text
+        for measured in checked.measured:
+            yield "", f"{title_of(measured.values)}: {in_words(checked.claim, measured)}"

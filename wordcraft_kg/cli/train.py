@@ -24,7 +24,6 @@ from wordcraft_kg.models.links.link_config import ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.runs.record import RUN_FILE
-from wordcraft_kg.runs.run_folder import interruption_message
 from wordcraft_kg.runs.training import Training, train
 
 if TYPE_CHECKING:
@@ -81,13 +80,11 @@ FILE_ONLY = {
     ],
     # Settings of the paper's released code, or chosen once for all by studies.
     "train-agent": [
-        "--ambiguity",
         "--baseline-cost",
         "--batch-size",
         "--checkpoint-every",
         "--clip",
         "--discount",
-        "--distractor-policy",
         "--distractor-weighting",
         "--dropout",
         "--embedding-size",
@@ -108,7 +105,6 @@ FILE_ONLY = {
         "--sees-attempts",
         "--self-edges",
         "--tables",
-        "--task-weighting",
         "--threads",
         "--unroll",
         "--value-readout",
@@ -190,12 +186,6 @@ def run_training(
                 trackers=trackers,
                 progress=output.progress(name or trainer.kind.name, unit=trainer.kind.unit),
             )
-            # Other trainings raise by themselves, and their outcomes have no such attribute.
-            if getattr(trained, "interrupted", False):
-                last = next(iter(trainer.kind.checkpoints(trained.folder).records()))
-                raise KeyboardInterrupt(
-                    interruption_message(trained.folder, trainer.kind.unit, last)
-                )
             values[name.removeprefix("seed-")] = _values(trained, seed_config)
         except KeyboardInterrupt as stop:
             done = f"{len(values)} of {len(configs)} trainings are done"
@@ -265,7 +255,6 @@ def _write_report(trained: "TrainedAgent", config: AgentConfig) -> None:
     from wordcraft_kg.reports.agent_report import make_agent_report
     from wordcraft_kg.reports.pages import write_report
 
-    assert trained.summary is not None
     # A split may have no test tasks at this depth.
     part: TaskPart = "test" if "test" in trained.summary.success else "train"
     view = view_agents(group_agents([open_agent(trained.folder, config.graph)]), part=part)
@@ -313,7 +302,6 @@ def _recipe_rows(trained: "TrainedRecipes") -> Rows:
 
 def _agent_rows(trained: "TrainedAgent") -> Rows:
     summary = trained.summary
-    assert summary is not None
     preset = AgentConfig.read(trained.folder).trainer.preset
     rows = [("trained", f"{summary.steps:,} steps in {summary.seconds:.1f} s, preset {preset}")]
     distractors = counted(summary.distractors, "distractor")

@@ -182,8 +182,6 @@ class _Lookup:
         graph: RecipeGraph,
         usable: NDArray[np.bool_],
         arrays: Arrays,
-        *,
-        keeps_last: bool = False,
     ):
         """Store the results of some recipes of a graph.
 
@@ -191,14 +189,10 @@ class _Lookup:
             graph: the recipe graph, whose pair numbers count.
             usable: shape (num_recipes,), bool: recipes that make something.
             arrays: array operations by NumPy or torch.
-            keeps_last: whether a pair makes its last result only.
         """
         self._arrays = arrays
         self.no_pair = graph.num_pairs
         rows = np.flatnonzero(usable)
-        if keeps_last:
-            pair = graph.pair_of_recipe[rows]
-            rows = rows[np.append(pair[1:] != pair[:-1], True)[: len(rows)]]
         result = graph.sets[rows, -1]
         pair, first, counts = np.unique(
             graph.pair_of_recipe[rows], return_index=True, return_counts=True
@@ -221,15 +215,13 @@ class Pairs(_Lookup):
         graph: RecipeGraph,
         usable: NDArray[np.bool_],
         arrays: Arrays,
-        *,
-        keeps_last: bool = False,
     ):
         """Look up pairs of a graph; arguments as of the base class.
 
         Raises:
             GraphError: if a recipe has more than two ingredients, or one.
         """
-        super().__init__(graph, usable, arrays, keeps_last=keeps_last)
+        super().__init__(graph, usable, arrays)
         self.size = graph.num_entities + 1
         a, b, _ = graph.recipes[self._first_rows].T
         self.is_dense = graph.num_entities <= _DENSE_LIMIT
@@ -265,11 +257,9 @@ class Sets(_Lookup):
         graph: RecipeGraph,
         usable: NDArray[np.bool_],
         arrays: Arrays,
-        *,
-        keeps_last: bool = False,
     ):
         """Look up sets of a graph; arguments as of the base class."""
-        super().__init__(graph, usable, arrays, keeps_last=keeps_last)
+        super().__init__(graph, usable, arrays)
         # A sum does not depend on the order, and counts an entity as often as it is there. Nothing,
         # the padding, adds 0. Sums wrap around at 64 bits.
         hashes = mixed(np.arange(1, graph.num_entities + 2) * STRIDE)

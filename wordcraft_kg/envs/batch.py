@@ -292,14 +292,11 @@ class BatchEngine:
         self.nothing = world.nothing
         self.num_slots = world.num_slots
         self.arrays = arrays_of(device)
-        keeps_last = self.config.ambiguity == "last"
         # Shared, because a loop over single environments has an engine for each.
         # One of two look-ups, by two ids or by rows of ids.
         self.pairs: Any = world.shared(
-            ("pairs", keeps_last, device),
-            lambda: (Sets if world.has_combine else Pairs)(
-                world.graph, world.usable, self.arrays, keeps_last=keeps_last
-            ),
+            ("pairs", device),
+            lambda: (Sets if world.has_combine else Pairs)(world.graph, world.usable, self.arrays),
         )
         self._draws = Draws(world, self.arrays, whole("repeat", repeat, 0))
         array = self.arrays.array
@@ -324,8 +321,7 @@ class BatchEngine:
         """Begin the first episode of a seed in every environment.
 
         Raises:
-            ConfigError: for a negative seed, or if no distractors without a shortcut are found for
-                a task.
+            ConfigError: for a negative seed.
         """
         keys = self._draws.env_keys(seed, 0, self.num_envs)
         episode = self.arrays.full((self.num_envs,), 0)
@@ -381,8 +377,7 @@ class BatchEngine:
                 drawn distractors.
 
         Raises:
-            ConfigError: for a negative seed, or if no distractors without a shortcut are found for
-                a task.
+            ConfigError: for a negative seed.
         """
         number = self.arrays.full((self.num_envs,), episode)
         if isinstance(tasks, list | np.ndarray):
@@ -396,9 +391,6 @@ class BatchEngine:
             state: state of this engine, which stays unchanged.
             tasks: shape (N,): task indices.
             tables: as for :meth:`pose`.
-
-        Raises:
-            ConfigError: if no distractors without a shortcut are found for a task.
         """
         return self._posed(state.keys, state.episode, tasks, tables)
 
@@ -444,9 +436,6 @@ class BatchEngine:
             state_before: the state before a step, which stays unchanged. Arrays of ``state`` that
                 are not in ``state_before`` belong to nobody else, and are written to without a
                 copy. By default ``state`` itself stays unchanged.
-
-        Raises:
-            ConfigError: if no distractors without a shortcut are found for a task.
         """
         if self.arrays.on_device:
             return self._begin_where_on_device(state, over)
@@ -499,7 +488,6 @@ class BatchEngine:
 
         Raises:
             ActionError: for a number that is not a slot.
-            ConfigError: if no distractors without a shortcut are found for a task.
         """
         after, result = self.step_env(state, self._checked(actions), is_replaced=True)
         return self.begin_where(after, result.over, state), result
@@ -655,24 +643,17 @@ class BatchEngine:
         made_goal[rows] = is_goal
         by_plan[rows] = is_goal & is_final
         attempts = _Made(rows, makes[rows], results, is_goal)
-        if is_replaced and self._are_all_over(state, attempts):
-            return made_goal, by_plan, state.wide, state.count, shaped
+        # With one attempt in an episode, the default at depth 1, all episodes with results end in
+        # every step: their tables are never seen, which saves the copy of all tables. Shaped
+        # rewards depend on the tables, and on a device asking would wait.
+        if is_replaced and not (self._is_shaped or self.arrays.on_device):
+            is_last = state.attempts_left[rows] == 1
+            if (is_goal | is_last).all():
+                return made_goal, by_plan, state.wide, state.count, shaped
         wide, count, news = self._put_on_table(state, attempts)
         if shaped is not None:
             shaped[rows] = self._shaping(state, attempts, news)
         return made_goal, by_plan, wide, count, shaped
-
-    def _are_all_over(self, state: State, attempts: _Made) -> bool:
-        """Return whether all episodes with results end, so that their tables are never seen.
-
-        With one attempt in an episode, the default at depth 1, this is so in every step, and saves
-        the copy of all tables. False for shaped rewards, which depend on the tables, and on a
-        device, where asking would wait.
-        """
-        if self._is_shaped or self.arrays.on_device:
-            return False
-        is_last = state.attempts_left[attempts.rows] == 1
-        return bool((attempts.is_goal | is_last).all())
 
     def _put_on_table(self, state: State, attempts: _Made) -> tuple[Array, Array, list[Array]]:
         """Put new results into the first free slots.

@@ -17,7 +17,7 @@ import logging
 import numpy as np
 
 from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.envs.arrays import STRIDE, Array, Arrays, Pairs, arrays_of, mixed
+from wordcraft_kg.envs.arrays import STRIDE, Array, Arrays, arrays_of, mixed
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 
@@ -72,15 +72,6 @@ class Draws:
         # A distractor of weight w has w lots, so that a uniform number draws it by weight.
         lots = np.repeat(np.arange(world.nothing, dtype=np.int32), world.distractor_weights)
         self._lots = arrays.array(lots)
-        self._task_ends = arrays.array(np.cumsum(tasks.weights(world.config.task_weighting)))
-        self._shortcuts: Pairs | None = None
-        avoids_shortcuts = world.config.distractor_policy != "any"
-        # Longer shortcuts, and those by larger sets, take a search for each table.
-        self._searches = avoids_shortcuts and (world.config.attempts > 1 or world.has_combine)
-        if avoids_shortcuts and not world.has_combine:
-            self._shortcuts = Pairs(world.graph, world.shortcut_search.usable, arrays)
-            near = np.concatenate([tasks.starts, world.makeable], axis=1)
-            self._near = arrays.array(near.T)
 
     def env_keys(
         self,
@@ -133,24 +124,14 @@ class Draws:
         return numbers[:count]
 
     def tasks(self, keys: Array) -> Array:
-        """Draw a task index for each of R episode :meth:`keys`, by task weights: shape (R,)."""
-        number = self._numbers(keys, 0, 1)[0]
-        amount = len(self.world.tasks)
-        if self.world.config.task_weighting == "task":
-            return (number * amount) >> 31
-        share = self.arrays.cast(number, "float64") / 2**31 * self._task_ends[-1]
-        index = self.arrays.xp.searchsorted(self._task_ends, share, side="right")
-        return index.clip(max=amount - 1)  # a share may be rounded up to the end
+        """Draw a task index for each of R episode :meth:`keys`, uniformly: shape (R,)."""
+        return (self._numbers(keys, 0, 1)[0] * len(self.world.tasks)) >> 31
 
     def tables(self, keys: Array, tasks: Array) -> Array:
         """Draw starting tables for R episode :meth:`keys` and task indices.
 
         Returns:
             shape (R, width), int32: ids, shuffled, empty slots last.
-
-        Raises:
-            ConfigError: if no distractors without a shortcut are found for a task, see
-                :meth:`World.check_tries`.
         """
         size = len(keys) if self.arrays.on_device else _CHUNK
         chunks = [slice(first, first + size) for first in range(0, len(keys), size)]
@@ -204,12 +185,8 @@ class Draws:
         excluded = self.arrays.xp.concatenate([goals, starts, self._intermediates[tasks].T])
         if self.arrays.on_device:
             # One round with many candidates, because a check would wait for the device.
-            distractors = self._pick(keys, tasks, excluded, 8 * self.most_drawn + 16)
-        else:
-            distractors = self._drawn_in_rounds(keys, tasks, excluded)
-        if self._searches:
-            self._avoid_shortcuts(keys, tasks, excluded, distractors)
-        return distractors
+            return self._pick(keys, excluded, 8 * self.most_drawn + 16)
+        return self._drawn_in_rounds(keys, tasks, excluded)
 
     def _drawn_in_rounds(
         self,
@@ -224,15 +201,11 @@ class Draws:
         first = self._candidates(keys, num_distractors)
         clash = self._clashes(first, excluded) | (counts > num_distractors)
         open_tables = clash.nonzero()[0]
-        if self._shortcuts is not None:
-            open_tables = np.arange(len(keys))
         distractors = np.full((self.most_drawn, len(keys)), self.world.nothing, dtype=np.int32)
         distractors[:num_distractors] = first
         amount = self.most_drawn + 4
         while len(open_tables):
-            picks = self._pick(
-                keys[open_tables], tasks[open_tables], excluded[:, open_tables], amount
-            )
+            picks = self._pick(keys[open_tables], excluded[:, open_tables], amount)
             distractors[:, open_tables] = picks
             amount *= 4
             if amount >= 2**11 * self.most_drawn:
@@ -258,7 +231,6 @@ class Draws:
     def _pick(
         self,
         keys: Array,
-        tasks: Array,
         excluded: Array,
         amount: int,
     ) -> Array:
@@ -276,65 +248,10 @@ class Draws:
         for i in range(1, amount):
             is_repeated = (candidates[:i] == candidates[i][None, :]).any(0)
             is_allowed[i] &= ~is_repeated
-        if self._shortcuts is not None:
-            self._refuse_shortcuts(self._shortcuts, candidates, is_allowed, tasks)
         # Allowed candidates come first, in the order of their draw; then nothing.
         order = arrays.xp.where(is_allowed, 0, _LAST_31_BITS)
         ids = arrays.xp.where(is_allowed, candidates, self.world.nothing)
         return self._in_order(order, ids)[:, : self.most_drawn].T
-
-    def _refuse_shortcuts(
-        self,
-        shortcuts: Pairs,
-        candidates: Array,
-        is_allowed: Array,
-        tasks: Array,
-    ) -> None:
-        """Refuse candidates, in their order, that make the goal in a single attempt.
-
-        They would make it with the start, its products, themselves or candidates taken before.
-
-        Args:
-            shortcuts: pairs of the recipes that no distractor may complete.
-            candidates: shape (K, R).
-            is_allowed: shape (K, R), bool: candidates that are taken unless refused here; changed
-                in place.
-            tasks: shape (R,).
-        """
-        goals = self._goals[tasks][:, None]
-        near = self._near[:, tasks]
-        ids = self.arrays.cast(candidates, "int64")  # products with pair numbers need 64 bits
-        for i in range(len(ids)):
-            present = self.arrays.xp.concatenate([near, ids[: i + 1]])
-            pair = shortcuts(ids[i], present)
-            makes_goal = (shortcuts.results[pair] == goals).any(-1)
-            # Candidates that were not taken are not on the table.
-            makes_goal[len(near) : -1] &= is_allowed[:i]
-            is_allowed[i] &= ~makes_goal.any(0)
-
-    def _avoid_shortcuts(
-        self,
-        keys: Array,
-        tasks: Array,
-        excluded: Array,
-        distractors: Array,
-    ) -> None:
-        """Draw again, one table at a time, while distractors open a longer shortcut.
-
-        Single recipes are refused before; a shortcut of several attempts needs a search for each
-        table.
-        """
-        world = self.world
-        for i in range(len(keys)):
-            task = int(tasks[i])
-            turn = 0
-            number = world.num_drawn[task]
-            while world.has_shortcut(task, world.without_nothing(distractors[:number, i])):
-                turn += 1
-                world.check_tries(turn, task)
-                key = mixed(keys[i : i + 1] + turn)
-                candidates = self._pick(key, tasks[i : i + 1], excluded[:, i : i + 1], 256)
-                distractors[:, i] = candidates[:, 0]
 
 
 class Ahead:
@@ -394,10 +311,6 @@ class Ahead:
 
         ``episodes``, shape (R,), are the numbers of the episodes, which the cache need not hold on
         the CPU.
-
-        Raises:
-            ConfigError: if no distractors without a shortcut are found for a task, see
-                :meth:`World.check_tries`.
         """
         arrays = self.draws.arrays
         index = episodes - self._first[rows]
@@ -493,8 +406,7 @@ class EvaluationTables:
             distractor_seed: number of the table, 0 or more.
 
         Raises:
-            ConfigError: if there is no such task or seed, or no distractors without a shortcut are
-                found for the task.
+            ConfigError: if there is no such task or seed.
         """
         amount = len(self.world.tasks)
         whole("task", task, 0, amount - 1)

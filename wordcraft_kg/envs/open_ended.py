@@ -1,5 +1,6 @@
 """The open-ended environment: discover entities, with limited attempts and without a goal."""
 
+import operator
 from collections.abc import Iterable
 from typing import Any
 
@@ -53,8 +54,6 @@ class Discovery:
         # A GraphError for a graph of larger sets: an action names two entities.
         self._outcomes = outcomes_of(graph.recipes, graph.num_entities)
         try:
-            if isinstance(base, str):  # one label, not its letters
-                base = [base]
             if base is None:
                 base = graph.base_ids.tolist()
             ids = {graph.id_of(entity) for entity in base}
@@ -172,7 +171,8 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
                 "attempts_left": spaces.Discrete(self.max_attempts + 1),
             }
         )
-        self._outcome = "not_begun"
+        self._attempts_left = 0
+        self._last = "nothing tried yet"
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -189,9 +189,8 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
             )
         self.discovery.restart()
         self._attempts_left = self.max_attempts
-        self._outcome = "in_progress"
         self._last = "nothing tried yet"
-        return self._seen(()), self._info((), repeated=False, illegal=False)
+        return self._shown((), repeated=False, illegal=False)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
         """Combine two entities, given by id.
@@ -204,29 +203,25 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
             EpisodeError: before :meth:`reset`, or after the end of the episode.
         """
         if self._outcome != "in_progress":
-            is_new = self._outcome == "not_begun"
-            raise EpisodeError(
-                "call reset() before step()." if is_new else "the episode is over; call reset()."
-            )
-        first, second = self._checked_action(action)
-        names = self.graph.entities
-        unknown = [entity for entity in (first, second) if entity not in self.discovery.known]
+            raise EpisodeError("no episode is running; call reset() before step().")
+        ids = range(self.graph.num_entities)
+        try:
+            first, second = map(operator.index, action)
+        except (TypeError, ValueError):  # not two, or no whole numbers
+            first = second = -1
+        if first not in ids or second not in ids:
+            raise ActionError(f"action {action!r}: expected two entity ids, 0 to {ids[-1]}.")
+        is_legal = {first, second} <= self.discovery.known.keys()
         new: tuple[int, ...] = ()
         repeated = False
-        if not unknown:
+        if is_legal:
             new, repeated = self.discovery.combine(first, second)
         # A repeated pair and an unknown entity use up an attempt, too.
         self._attempts_left -= 1
         results = ", ".join(self.graph.labels(new)) or "nothing new"
-        self._last = f"{names[first]} + {names[second]} -> {results}"
-        # With nothing left to discover, further attempts would only add zeros to the return.
-        if self.discovery.is_complete:
-            self._outcome = "all_known"
-        elif self._attempts_left == 0:
-            self._outcome = "out_of_attempts"
-        over = self._outcome != "in_progress"
-        info = self._info(new, repeated=repeated, illegal=bool(unknown))
-        return self._seen(new), float(len(new)), over, False, info
+        self._last = f"{' + '.join(self.graph.labels((first, second)))} -> {results}"
+        observation, info = self._shown(new, repeated=repeated, illegal=not is_legal)
+        return observation, float(len(new)), self._outcome != "in_progress", False, info
 
     def action_masks(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return the mask of known entities, shape (E,), bool, for each of the two choices."""
@@ -234,15 +229,9 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         return mask, mask.copy()
 
     def render(self) -> str | None:
-        """Return the state in words; None without a ``render_mode``.
-
-        Raises:
-            EpisodeError: before :meth:`reset`.
-        """
+        """Return the state in words; None without a ``render_mode``."""
         if self.render_mode is None:
             return None
-        if self._outcome == "not_begun":
-            raise EpisodeError("call reset() before render().")
         known_ids = self.discovery.known
         return (
             f"known: {len(known_ids)} of {self.discovery.reachable}   "
@@ -250,20 +239,12 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
             f"{', '.join(self.graph.labels(known_ids))}"
         )
 
-    def _checked_action(self, action: Any) -> tuple[int, int]:
-        size = self.graph.num_entities
-        try:
-            pair = np.asarray(action)
-        except ValueError:  # a ragged list
-            pair = np.empty(0)
-        if (
-            pair.shape != (2,)
-            or pair.dtype.kind not in "iu"
-            or not 0 <= pair.min() <= pair.max() < size
-        ):
-            raise ActionError(f"action {action!r}: expected two entity ids, 0 to {size - 1}.")
-        first, second = pair.tolist()
-        return first, second
+    @property
+    def _outcome(self) -> str:
+        # With nothing left to discover, further attempts would only add zeros to the return.
+        if self.discovery.is_complete:
+            return "all_known"
+        return "in_progress" if self._attempts_left else "out_of_attempts"
 
     def _mask(self, entities: Iterable[int]) -> NDArray[np.int8]:
         # int8 and not bool, as Gymnasium's MultiBinary space demands.
@@ -271,24 +252,20 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         mask[list(entities)] = 1
         return mask
 
-    def _seen(self, new: tuple[int, ...]) -> Observation:
-        return {
+    def _shown(
+        self, new: tuple[int, ...], *, repeated: bool, illegal: bool
+    ) -> tuple[Observation, Info]:
+        """Return the observation and the info after an attempt."""
+        observation = {
             "known": self._mask(self.discovery.known),
             "last_results": self._mask(new),
             "attempts_left": np.int64(self._attempts_left),
         }
-
-    def _info(
-        self,
-        new: tuple[int, ...],
-        *,
-        repeated: bool,
-        illegal: bool,
-    ) -> dict[str, Any]:
-        return {
+        info = {
             "outcome": self._outcome,
             "known": len(self.discovery.known),
             "new_entities": new,
             "repeated": repeated,
             "illegal_action": illegal,
         }
+        return observation, info

@@ -24,7 +24,6 @@ from wordcraft_kg.envs.world_config import (
     check_mode,
 )
 from wordcraft_kg.graphs import GraphLike
-from wordcraft_kg.graphs.tasks import CraftingTask
 
 Arrays = dict[str, NDArray[Any]]
 _NAMES = np.array(OUTCOMES, dtype=object)
@@ -109,8 +108,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     1``, and the selection has shape (S,).
 
     ## Rewards
-    +1 when the goal is made. A :class:`~wordcraft_kg.envs.world_config.RewardConfig` may add shaped
-    rewards; success never depends on shaping.
+    +1 when the goal is made. ``reward`` may add shaped rewards; success never depends on shaping.
 
     ## Starting state
     A task from the chosen part of the split, and distractors drawn without replacement. Goal,
@@ -218,10 +216,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             EpisodeError: before :meth:`reset`, or after the end of the episode.
         """
         if self._outcome != "in_progress":
-            is_new = self._outcome == "not_begun"
-            raise EpisodeError(
-                "call reset() before step()." if is_new else "the episode is over; call reset()."
-            )
+            raise EpisodeError("no episode is running; call reset() before step().")
         try:
             slot = operator.index(action)
         except TypeError:
@@ -276,11 +271,6 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             int(batch.attempts_left[0]),
             self._outcome,
         )
-
-    @property
-    def task(self) -> CraftingTask:
-        """The task of the current episode."""
-        return self.tasks[self.state.task]
 
     def _info(self, *, illegal: bool, by_plan: bool) -> Info:
         return {

@@ -130,7 +130,7 @@ def results_of(world: World, *ingredients: Entity) -> tuple[str, ...]:
     """Return the labels of all results of a pair or set of entities.
 
     Args:
-        world: world whose setting ``ambiguity`` applies.
+        world: world whose recipes count.
         ingredients: labels or ids, in any order.
 
     Returns:

@@ -4,7 +4,6 @@ Environments, engines and evaluations share it, so that all play the same game.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Mapping
-from itertools import combinations_with_replacement
 from typing import Any, TypeVar
 
 import numpy as np
@@ -23,13 +22,10 @@ from wordcraft_kg.graphs import (
     frozen,
     make_tasks,
     open_graph,
-    padded,
 )
 from wordcraft_kg.graphs.recipe_graph import outcomes_of
 from wordcraft_kg.graphs.tasks import SolutionSearch
 
-SHORTCUT_TRIES = 1_000
-"""Samples of distractors after which a table without shortcut is taken to be impossible."""
 _T = TypeVar("_T")
 
 
@@ -49,7 +45,7 @@ def _derived_from(*settings: str) -> Callable[[Callable[["World"], _T]], _T]:
     return declare
 
 
-_TASKS = ("part", "depth", "task_weighting", "num_tasks", "task_seed")
+_TASKS = ("part", "depth", "num_tasks", "task_seed")
 
 
 class World:
@@ -104,8 +100,7 @@ class World:
             derived: what a world with other settings shares, see :meth:`variant`; None for nothing.
 
         Raises:
-            ConfigError: if the graph has too few entities for so many distractors, or no split for
-                a policy that needs one.
+            ConfigError: if the graph has too few entities for so many distractors.
             TaskError: if there is no task.
         """
         self.opened = opened
@@ -124,12 +119,6 @@ class World:
         self.has_combine = not self.graph.has_pairs_only
         self.num_slots = self.num_entity_slots + self.has_combine
         self.max_distractors = int(self._num_free.min())
-        if config.distractor_policy == "no_train_shortcut" and self.split.is_in("train").all():
-            raise ConfigError(
-                f"`distractor_policy` 'no_train_shortcut': {self.graph.name} has no split, so all "
-                "recipes are train recipes; give a graph with a split (`build-graph`), or "
-                "`distractor_policy` no_shortcut."
-            )
         if config.num_distractors > self.max_distractors:
             raise ConfigError(
                 f"`num_distractors` {config.num_distractors}: {self.graph.name} has "
@@ -223,12 +212,6 @@ class World:
         """The search for plans by :attr:`usable` recipes."""
         return SolutionSearch(self.graph, self.usable)
 
-    @_derived_from("distractor_policy")
-    def shortcut_search(self) -> SolutionSearch:
-        """The search for ways that no distractor may open: by all recipes, or by train recipes."""
-        by_train = self.config.distractor_policy == "no_train_shortcut"
-        return SolutionSearch(self.graph, self.split.is_in("train")) if by_train else self.search
-
     @_derived_from(*_TASKS)
     def tasks(self) -> TaskSet:
         """The tasks from which episodes are drawn."""
@@ -238,7 +221,6 @@ class World:
             config.depth,
             None if config.part == "all" else self.split,
             config.part,
-            weighting=config.task_weighting,
             limit=config.num_tasks,
             seed=config.task_seed,
             search=self.search,
@@ -274,15 +256,12 @@ class World:
         last_recipes = [plans[0][-1] for plans in self.tasks.plans]
         return frozen(self.split.groups[last_recipes])
 
-    @_derived_from("ambiguity")
+    @_derived_from()
     def outcomes(self) -> Mapping[tuple[int, ...], tuple[int, ...]]:
         """Results by ingredient ids, both ascending: by pairs, or by larger sets."""
-        outcomes = self.graph.outcomes
-        if not self.usable.all():
-            outcomes = outcomes_of(self.graph.sets[self.usable], self.nothing)
-        if self.config.ambiguity == "last":
-            return {picks: results[-1:] for picks, results in outcomes.items()}
-        return outcomes
+        if self.usable.all():
+            return self.graph.outcomes
+        return outcomes_of(self.graph.sets[self.usable], self.nothing)
 
     @_derived_from("distractor_weighting")
     def distractor_weights(self) -> Ids:
@@ -293,30 +272,6 @@ class World:
             # use.
             weights += self.split.train_uses
         return frozen(weights)
-
-    @_derived_from(*_TASKS, "attempts", "ambiguity")
-    def makeable(self) -> Ids:
-        """Ids makeable from each task's start in all attempts but the last: (N, W), padded.
-
-        With a distractor policy, a distractor must not make the goal with any of these. Of pairs
-        alone: for larger sets, :meth:`has_shortcut` decides about all distractors together.
-        """
-        rows = [self._makeable(start) for start in self.tasks.starts.tolist()]
-        return frozen(padded(rows, self.nothing))
-
-    def _makeable(self, start: list[int]) -> list[int]:
-        """Return what can be made from padded ids in all attempts but the last, ascending."""
-        at_hand = set(self.without_nothing(start))
-        products: set[int] = set()
-        for _ in range(self.config.attempts - 1):
-            results: set[int] = set()
-            for pair in combinations_with_replacement(sorted(at_hand | products), 2):
-                results.update(self.outcomes.get(pair, ()))
-            results -= at_hand | products
-            if not results:
-                break
-            products |= results
-        return sorted(products)
 
     def without_nothing(self, ids: Iterable[int]) -> list[int]:
         """Return the ids of entities among padded ids, in their order."""
@@ -343,27 +298,3 @@ class World:
                 f"`table` holds '{self.graph.entities[twice]}' twice: expected different entities."
             )
         return ids
-
-    def has_shortcut(self, task: int, distractors: list[int]) -> bool:
-        """Return whether distractors (ids) open a further way to a task's goal.
-
-        Ways are those of all recipes or of train recipes, as the distractor policy says.
-        """
-        start = frozenset(self.without_nothing(self.tasks.starts[task].tolist()))
-        goal = int(self.tasks.goals[task])
-        attempts = self.config.attempts
-        ways = self.shortcut_search.ways(goal, start, attempts)
-        return self.shortcut_search.ways(goal, start.union(distractors), attempts) != ways
-
-    def check_tries(self, tries: int, task: int) -> None:
-        """Give up on a task whose distractors, drawn ``tries`` times, always open a shortcut.
-
-        Raises:
-            ConfigError: above :data:`SHORTCUT_TRIES`.
-        """
-        if tries > SHORTCUT_TRIES:
-            raise ConfigError(
-                f"`num_distractors` {self.config.num_distractors}: found no distractors without a "
-                f"shortcut to '{self.graph.entities[self.tasks.goals[task]]}' in {SHORTCUT_TRIES} "
-                "tries; take fewer, or `distractor_policy` any."
-            )

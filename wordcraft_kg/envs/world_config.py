@@ -1,6 +1,5 @@
 """Settings for the crafting environments."""
 
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
@@ -11,18 +10,15 @@ from wordcraft_kg.base import (
     UnknownSettingError,
     check_choices,
     nearest,
-    number_in,
     require,
     whole,
 )
 from wordcraft_kg.base.registry import Registry
-from wordcraft_kg.graphs.tasks import DRAWN_TASKS, MAX_DEPTH, TaskPart, TaskWeighting
+from wordcraft_kg.graphs.tasks import DRAWN_TASKS, MAX_DEPTH, TaskPart
 
 MAX_ATTEMPTS = 1_000
 """Most attempts in an episode; each attempt adds free slots to every table."""
 DistractorWeighting = Literal["use", "uniform"]
-DistractorPolicy = Literal["any", "no_shortcut", "no_train_shortcut"]
-Ambiguity = Literal["all", "last"]
 Observation = dict[str, Any]
 Info = dict[str, Any]
 METADATA: dict[str, Any] = {"render_modes": ["ansi"], "render_fps": 4}
@@ -41,27 +37,18 @@ def check_mode(mode: str | None) -> None:
 
 @dataclass(frozen=True)
 class RewardConfig:
-    """Shaped rewards in addition to +1 for the goal, all 0 or more.
+    """Shaped rewards in addition to +1 for the goal.
 
     Attributes:
         wrong_pair_penalty: subtracted if an attempt makes nothing.
         irrelevant_penalty: subtracted if an attempt makes neither the goal nor an intermediate (an
             earlier product of a plan).
         intermediate_reward: added when an attempt first makes an intermediate.
-
-    Raises:
-        ConfigError: if a value is negative, not finite or no number.
     """
 
     wrong_pair_penalty: float = 0.0
     irrelevant_penalty: float = 0.0
     intermediate_reward: float = 0.0
-
-    def __post_init__(self) -> None:
-        largest = sys.float_info.max
-        for entry in fields(self):
-            value = getattr(self, entry.name)
-            number_in(entry.name, value, 0, largest, "a finite number, 0 or more")
 
 
 RewardFunction = Callable[[Any, Any, Any], Any]
@@ -72,7 +59,7 @@ REWARDS: Registry[RewardConfig | RewardFunction] = Registry(
     "wordcraft_kg.rewards",
     {"sparse": RewardConfig(), "official": RewardConfig(0.1, 0.1, 1.0)},
 )
-"""Reward presets by name, and functions of plugins.
+"""Rewards by name: presets, those of your own, and functions of plugins.
 
 ``official`` has the values in the paper's released code, with sub-goal rewards enabled.
 """
@@ -89,21 +76,13 @@ class WordCraftConfig:
             ingredients of the largest plan; 1, 2 and 8 in the paper. A task with fewer ingredients
             has more, so that all tables have the same size.
         max_attempts: attempts in an episode; None means ``depth``.
-        reward: a preset's name (``sparse``, ``official``), that of a plugin's function, or a
-            :class:`RewardConfig`.
+        reward: a name in :data:`REWARDS`: ``sparse``, ``official``, or that of a plugin's function.
         distractor_weighting: weights of entities for drawing distractors without replacement:
             ``use`` is 1 + the number of train recipes that use the entity as an ingredient,
             ``uniform`` is equal. By ``use``, entities with few uses are rarely distractors, so the
             player :func:`~wordcraft_kg.agents.players.fewest_uses` is better than chance.
-        distractor_policy: ``any``; ``no_shortcut``: no distractor opens an additional way to the
-            goal; or ``no_train_shortcut``: no distractor opens an additional way by train recipes
-            alone. The same in the part ``train``, whose world has train recipes only.
         pays_held_out: whether held-out pairs make their results in the part ``train`` too, as in
             the paper's released code. Training is then paid for test recipes: for comparison only.
-        task_weighting: draw a ``task`` uniformly, or first a ``goal`` and then a task with this
-            goal.
-        ambiguity: a pair with several results makes ``all``, or only the ``last`` by label (as in
-            the paper's released code).
         num_tasks: number of tasks to sample at depth 3 and above, and at depth 2 in large graphs.
         task_seed: random seed for this sample; at depth 2 for the sample of tasks that use no
             entity twice, see :data:`~wordcraft_kg.graphs.tasks.TWICE_SHARE`.
@@ -111,8 +90,7 @@ class WordCraftConfig:
         attempts: attempts in an episode; derived, not a setting.
 
     Raises:
-        ConfigError: if a value is out of range, or ``max_attempts`` does not fit ``depth`` or
-            ``distractor_policy``.
+        ConfigError: if a value is out of range, or ``max_attempts`` does not fit ``depth``.
 
     Example:
         >>> WordCraftConfig(depth=2, num_distractors=8).attempts
@@ -123,11 +101,8 @@ class WordCraftConfig:
     depth: int = 1
     num_distractors: int = 8
     max_attempts: int | None = None
-    reward: str | RewardConfig = "sparse"
+    reward: str = "sparse"
     distractor_weighting: DistractorWeighting = "use"
-    distractor_policy: DistractorPolicy = "any"
-    task_weighting: TaskWeighting = "task"
-    ambiguity: Ambiguity = "all"
     pays_held_out: bool = False
     num_tasks: int = DRAWN_TASKS
     task_seed: int = 0
@@ -153,20 +128,10 @@ class WordCraftConfig:
         self._whole("num_tasks", 1, MAX_SIZE)
         self._whole("task_seed", 0, None)
         check_choices(self)
-        # A name is kept as the setting, for records; its values are the derived field.
-        rewards: Any = self.reward
-        if not isinstance(rewards, RewardConfig):
-            REWARDS.check("reward", rewards)
-            rewards = REWARDS[rewards]
-        attempts = self.max_attempts or self.depth
-        # Ways to the goal are searched for each drawn table; their number explodes with attempts.
-        searchable = self.distractor_policy == "any" or attempts <= MAX_DEPTH
-        policy = f"`distractor_policy` {self.distractor_policy!r}"
-        expected = f"at most {MAX_DEPTH} with {policy}, which searches all ways to the goal"
-        require(self, "max_attempts", searchable, expected)
+        REWARDS.check("reward", self.reward)
         # A frozen dataclass sets its derived fields by the way around.
-        object.__setattr__(self, "rewards", rewards)
-        object.__setattr__(self, "attempts", attempts)
+        object.__setattr__(self, "rewards", REWARDS[self.reward])
+        object.__setattr__(self, "attempts", self.max_attempts or self.depth)
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> "WordCraftConfig":

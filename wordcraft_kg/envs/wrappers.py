@@ -4,8 +4,8 @@ The plain environments observe ids, which this package's policies read. Wrappers
 libraries; they need ids, so they come first, next to the environment.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Sequence
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -16,11 +16,23 @@ from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import Observation
 
-Env = gym.Env[Any, Any]
-
 
 class _Ids(gym.ObservationWrapper[Observation, Any, Observation]):
-    """Changes observations of a single crafting environment."""
+    """Adds to the observations of a single crafting environment."""
+
+    def __init__(self, env: gym.Env[Any, Any]):
+        super().__init__(env)
+        world = getattr(env.unwrapped, "world", None)
+        if not isinstance(world, World):
+            raise ConfigError(f"{env.unwrapped} is not a WordCraft environment.")
+        space = env.observation_space
+        keys = space.spaces if isinstance(space, spaces.Dict) else {}
+        if not isinstance(keys.get("table"), spaces.MultiDiscrete):
+            raise ConfigError(
+                "this wrapper needs ids; apply this wrapper before a wrapper that replaces ids."
+            )
+        self._world = world
+        self._keys = dict(keys)
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity, shape (num_slots,), bool.
@@ -28,26 +40,6 @@ class _Ids(gym.ObservationWrapper[Observation, Any, Observation]):
         Libraries query the outermost wrapper, and Gymnasium's wrappers do not pass the call on.
         """
         return np.asarray(self.env.get_wrapper_attr("action_masks")(), dtype=bool)
-
-
-class SlotSource(Protocol):
-    """Interface of a source of scores; see ``wordcraft_kg.models.policies.sources``.
-
-    Environments know no models, so that they work without torch; this is all they need of one.
-
-    Attributes:
-        name: key of the scores in observations.
-        graph_hash: content hash of the source's recipe graph.
-    """
-
-    @property
-    def name(self) -> str: ...  # noqa: D102
-
-    graph_hash: str
-
-    def score_observation(self, observation: Mapping[str, Any], task: Any = None) -> Any:
-        """Score slots, as a tensor of shape (B, num_slots); B is 1 for a single environment."""
-        ...
 
 
 class KGScoreObservation(_Ids):
@@ -61,7 +53,7 @@ class KGScoreObservation(_Ids):
     Source: Jiang et al. 2020, section "Knowledge-guided policy".
     """
 
-    def __init__(self, env: Env, sources: Sequence[SlotSource]):
+    def __init__(self, env: gym.Env[Any, Any], sources: Sequence[Any]):
         """Wrap a single environment.
 
         Args:
@@ -78,7 +70,7 @@ class KGScoreObservation(_Ids):
             ConfigError: if ``env`` is no crafting environment, or ids were replaced already.
         """
         super().__init__(env)
-        self._world = _world(env)
+        # Any: environments know no models, so that they work without torch.
         self._sources = sources
         # Without train recipes no task is in a model's training data, and needs no number.
         self._has_train_recipes = self._world.config.part in ("train", "all")
@@ -93,14 +85,12 @@ class KGScoreObservation(_Ids):
         self._bind()
         box = spaces.Box(-np.inf, np.inf, (self._world.num_slots,), np.float32)
         scores = {source.name: box for source in sources}
-        self.observation_space = spaces.Dict({**_id_spaces(env), **scores})
+        self.observation_space = spaces.Dict({**self._keys, **scores})
 
     def _bind(self) -> None:
         """Bind sources to the world's tasks; repeated, since a source may serve several worlds."""
-        if not self._has_train_recipes:
-            return
-        for source in self._sources:
-            if getattr(source, "reads_task", False) and hasattr(source, "bind"):
+        if self._has_train_recipes:
+            for source in self._sources:
                 source.bind(self._world.tasks)
 
     def observation(self, observation: Observation) -> Observation:
@@ -149,7 +139,7 @@ class TaskNumbers:
 class TaskObservation(_Ids):
     """Adds ``task``, the number of the episode's task, see :class:`TaskNumbers`."""
 
-    def __init__(self, env: Env):
+    def __init__(self, env: gym.Env[Any, Any]):
         """Wrap a single crafting environment.
 
         Raises:
@@ -158,29 +148,10 @@ class TaskObservation(_Ids):
             TaskError: if the graph has no train task of this depth.
         """
         super().__init__(env)
-        self._numbers = TaskNumbers(_world(env))
-        self.observation_space = spaces.Dict({**_id_spaces(env), "task": self._numbers.space})
+        self._numbers = TaskNumbers(self._world)
+        self.observation_space = spaces.Dict({**self._keys, "task": self._numbers.space})
 
     def observation(self, observation: Observation) -> Observation:
         """Add the task's number to an observation."""
         task = self.env.get_wrapper_attr("state").task
         return {**observation, "task": self._numbers.of(task)}
-
-
-def _id_spaces(env: Env) -> dict[str, spaces.Space[Any]]:
-    """Return an environment's spaces by key; ConfigError unless it still observes ids."""
-    space = env.observation_space
-    keys = space.spaces if isinstance(space, spaces.Dict) else {}
-    if not isinstance(keys.get("table"), spaces.MultiDiscrete):
-        raise ConfigError(
-            "this wrapper needs ids; apply this wrapper before a wrapper that replaces ids."
-        )
-    return dict(keys)
-
-
-def _world(env: Env) -> World:
-    """Return a crafting environment's world; ConfigError for another environment."""
-    world = getattr(env.unwrapped, "world", None)
-    if not isinstance(world, World):
-        raise ConfigError(f"{env.unwrapped} is not a WordCraft environment.")
-    return world

@@ -7,6 +7,7 @@ also of unfinished runs: success, statistics and mixing weights λ.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from itertools import compress
 from typing import Annotated, Literal, get_args
 
 import msgspec
@@ -17,49 +18,18 @@ from numpy.typing import NDArray
 from wordcraft_kg.agents.agent_folder import AgentRun, OpenedAgent
 from wordcraft_kg.agents.agent_records import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
-from wordcraft_kg.base.records import Count, Hash, Record, Share
+from wordcraft_kg.base.records import Record, Share
 from wordcraft_kg.base.statistics import paired_difference, student_interval, task_bootstrap
 from wordcraft_kg.graphs import Ids, RecipeGraph, TaskSet, layers
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources import ALPHA, source_names, with_letters
 
-
-class EvaluatedGraph(Record):
-    """The evaluated graph.
-
-    Attributes:
-        name: the graph's name.
-        hash: content hash.
-        entities: number of entities.
-        recipes: number of recipes.
-        triples: number of triples.
-    """
-
-    name: str
-    hash: Hash
-    entities: Count
-    recipes: Count
-    triples: Count
-
-    @classmethod
-    def of(cls, graph: RecipeGraph) -> "EvaluatedGraph":
-        """Return a graph's name, hash and sizes."""
-        return cls(
-            name=graph.name,
-            hash=graph.hash,
-            entities=graph.num_entities,
-            recipes=graph.num_recipes,
-            triples=len(graph.triples),
-        )
-
-
 # Above any rank or count, and far below the limit of int64.
 OPEN_END = 10**9
-Bounds = Sequence[tuple[int, int]]
 
 
 def binned(
-    values: Ids, bounds: Bounds, *, more: str = "+"
+    values: Ids, bounds: Sequence[tuple[int, int]]
 ) -> Iterator[tuple[str, NDArray[np.bool_]]]:
     """Sort values into bins.
 
@@ -67,7 +37,6 @@ def binned(
         values: integers, shape (N,).
         bounds: lowest and highest value of each bin, both included; :data:`OPEN_END` for no upper
             bound.
-        more: text after the lowest value in the name of a bin without an upper bound.
 
     Yields:
         The name of each bin, such as ``3–4`` or ``9+``, and a mask, shape (N,).
@@ -76,7 +45,7 @@ def binned(
         if low == high:
             name = str(low)
         elif high == OPEN_END:
-            name = f"{low}{more}"
+            name = f"{low}+"
         else:
             name = f"{low}–{high}"
         yield name, (values >= low) & (values <= high)
@@ -148,7 +117,6 @@ class AgentSuccess(Record):
         task_ci: interval over tasks, by bootstrap of the groups that the split holds out together.
         seeds: success rate of each run.
         by_plan: share of episodes that make the goal by one of the task's plans.
-        actions: mean number of chosen slots in an episode.
         difference: success rate minus that of the first agent on the same tasks; None for the first
             agent.
         difference_ci: interval for `difference`, by resampling groups of tasks in pairs; None for
@@ -162,7 +130,6 @@ class AgentSuccess(Record):
     task_ci: Interval
     seeds: Annotated[tuple[Share, ...], msgspec.Meta(min_length=1)]
     by_plan: Share
-    actions: Annotated[float, msgspec.Meta(ge=0)]
     difference: Annotated[float, msgspec.Meta(ge=-1, le=1)] | None = None
     difference_ci: Interval | None = None
     against_scorer: AgainstScorer | None = None
@@ -251,7 +218,6 @@ def success_of(
         task_ci=task_bootstrap(_successes(results), results[0].groups),
         seeds=tuple(means),
         by_plan=float(np.mean([result.by_plan.mean() for result in results])),
-        actions=float(np.mean([result.actions.mean() for result in results])),
         against_scorer=against_scorer,
     )
     if reference is None:
@@ -264,11 +230,8 @@ def success_of(
 
 def outcomes_of(results: Sequence[Evaluation]) -> dict[TerminationReason, Share]:
     """Return the episode share for each termination reason, averaged over runs."""
-    shares_by_run = [result.shares() for result in results]
-    shares: dict[TerminationReason, Share] = {}
-    for termination in TERMINATION_REASONS:
-        shares[termination] = float(np.mean([run[termination] for run in shares_by_run]))
-    return shares
+    shares = pd.DataFrame([result.shares() for result in results])
+    return {reason: float(shares[reason].to_numpy().mean()) for reason in TERMINATION_REASONS}
 
 
 def slices_of(
@@ -483,11 +446,9 @@ def training_metrics(members: Sequence[AgentRun]) -> dict[TrainingMetric, tuple[
             lengths = np.diff([0, *(row.step for row in agent.metrics)])
             # A run that has just begun has no lines, and no median.
             is_long = lengths * 2 >= np.median(lengths) if len(lengths) else lengths
-            points = []
-            for row, long in zip(agent.metrics, is_long, strict=True):
-                is_mean = figure != "test_success"
-                if figure in row.figures and (long or not is_mean):
-                    points.append((row.step, row.figures[figure]))
+            is_mean = figure != "test_success"
+            rows = list(compress(agent.metrics, is_long)) if is_mean else agent.metrics
+            points = [(row.step, row.figures[figure]) for row in rows if figure in row.figures]
             # Every n-th point counted from the end, because the last point matters most.
             every = max(1, len(points) // _CURVE_POINTS)
             thinned = points[::-every][::-1]

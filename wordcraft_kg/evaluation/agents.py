@@ -25,7 +25,6 @@ from wordcraft_kg.agents.evaluation import (
     PlayerSuccess,
     PolicyPlayer,
     play_all,
-    player_of,
     success_rows,
 )
 from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
@@ -33,7 +32,6 @@ from wordcraft_kg.base import (
     ConfigError,
     Count,
     GraphMismatchError,
-    Hash,
     Record,
     Share,
     counted,
@@ -42,12 +40,11 @@ from wordcraft_kg.base import (
 from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.envs.draws import MOST_TASKS, default_seeds, sampled_tasks
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.envs.world_config import DistractorPolicy, WordCraftConfig
+from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.evaluation.agent_metrics import (
     AgainstScorer,
     AgentSuccess,
     CurvePoint,
-    EvaluatedGraph,
     LambdaCurve,
     SeedCurve,
     Slice,
@@ -64,35 +61,15 @@ from wordcraft_kg.evaluation.agent_metrics import (
     success_of,
     training_metrics,
 )
-from wordcraft_kg.graphs import OpenedGraph, TaskPart, TrainedOn
+from wordcraft_kg.graphs import OpenedGraph, PlayedGraph, TaskPart, TrainedOn
 from wordcraft_kg.models.model import Model
-from wordcraft_kg.models.policies.sources import shown_setting, with_letters
+from wordcraft_kg.models.policies.sources import shown_setting
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 
-_RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
+_RULES = ("depth", "max_attempts", "distractor_weighting")
 """Task settings that must be equal in all compared agents."""
-# Enumerated tasks are equal for all agents, sampled ones only if they are sampled in the same way.
-_DRAWN_BY = ("task_weighting",)
-"""Further settings if tasks are sampled instead of enumerated."""
 # The fewest and the most distractors of the paper.
 DISTRACTORS = (1, 8)
-
-
-class SharedSplit(Record):
-    """The recipe split (train, valid, test) that all compared agents share.
-
-    Attributes:
-        kind: kind of the split.
-        seed: seed of the split.
-        hash: content hash of the split.
-        unit: recipes, goals, slots or kinds: the split holds these out together, and intervals
-            resample them.
-    """
-
-    kind: str
-    seed: int
-    hash: Hash
-    unit: str
 
 
 class AgentEntry(Record):
@@ -102,7 +79,6 @@ class AgentEntry(Record):
         name: the agent's name: that of the runs without the seed, or of the first run.
         runs: names of the run folders.
         seeds: training seed of each run.
-        checkpoints: checkpoint of each run that was evaluated, such as the last one.
         settings: training settings that differ from the defaults, without graph and seed.
         kg: training graph of the agent's scorer (full or partial); None for an agent without a
             scorer.
@@ -111,8 +87,6 @@ class AgentEntry(Record):
         trained_with: number of distractors in training.
         steps: environment steps of each run's training.
         seconds: duration of each run's training in seconds; None if a run has no metrics.
-        steps_per_second: environment steps per second of each training; None if a run is
-            unfinished.
         success: success rate by distractor count.
         outcomes: share of episodes by termination reason, by distractor count.
         sources: what each source adds, with the report's `headline` count; empty without a scorer,
@@ -128,14 +102,12 @@ class AgentEntry(Record):
     name: str
     runs: tuple[str, ...]
     seeds: tuple[int, ...]
-    checkpoints: tuple[str, ...]
     settings: dict[str, str]
     kg: TrainedOn | None
     cross_fitted: Count
     trained_with: Count
     steps: tuple[int, ...]
     seconds: tuple[float | None, ...]
-    steps_per_second: tuple[float | None, ...]
     success: dict[str, AgentSuccess]
     outcomes: dict[str, dict[TerminationReason, Share]]
     sources: dict[str, SourceGain]
@@ -146,26 +118,11 @@ class AgentEntry(Record):
     provenance: dict[str, dict[str, str]]
 
 
-class BaselineSuccess(Record):
-    """Success of a scripted player, or of a scorer alone, at the agents' tables.
-
-    Attributes:
-        name: the player's name.
-        success: success rate by distractor count.
-        by_plan: share of episodes that make the goal by one of the task's plans, by distractor
-            count.
-    """
-
-    name: str
-    success: dict[str, Share]
-    by_plan: dict[str, Share]
-
-
 class Explanation(Record):
     """Episodes of a trained agent, with all scores and logits for each action.
 
     Attributes:
-        run: folder of the run; in a report on agents its name, the agent's first.
+        run: folder of the run.
         checkpoint: checkpoint of the agent's weights.
         part: split part with the tasks.
         episodes: the explained episodes.
@@ -182,8 +139,9 @@ class AgentsView(Record):
 
     Attributes:
         format: name and version of the format.
-        graph: graph that all agents were trained on.
-        split: split that all agents share.
+        graph: graph and split that all agents were trained on.
+        unit: recipes, goals, slots or kinds: the split holds these out together, and intervals
+            resample them.
         part: split part with the tasks.
         depth: fewest attempts that solve a task.
         distractors: distractor counts that were played.
@@ -192,14 +150,12 @@ class AgentsView(Record):
         tasks: number of played tasks.
         sampled_from: number of tasks that the played ones are a sample of; None if all were played.
         agents: the agents; the first is the reference of all differences.
-        baselines: scripted players, and the agents' scorers alone.
-        episodes: example episodes of each agent.
-
+        baselines: scripted players, and the agents' scorers alone, with each distractor count.
     """
 
     format: Literal["wordcraft-kg agent report 1"]
-    graph: EvaluatedGraph
-    split: SharedSplit
+    graph: PlayedGraph
+    unit: str
     part: TaskPart
     depth: Annotated[int, msgspec.Meta(ge=1)]
     distractors: tuple[Count, ...]
@@ -208,8 +164,7 @@ class AgentsView(Record):
     tasks: Annotated[int, msgspec.Meta(ge=1)]
     sampled_from: Count | None
     agents: Annotated[tuple[AgentEntry, ...], msgspec.Meta(min_length=1)]
-    baselines: tuple[BaselineSuccess, ...]
-    episodes: tuple[Explanation, ...]
+    baselines: tuple[PlayerSuccess, ...]
 
 
 def by_success(view: AgentsView, amount: int) -> list[AgentEntry]:
@@ -277,7 +232,6 @@ def view_agents(
     part: TaskPart = "test",
     distractors: Sequence[int] | None = None,
     distractor_seeds: int | None = None,
-    episodes: int = 2,
 ) -> AgentsView:
     """Evaluate agents greedily on all tasks of a split part, with the same tables for all agents.
 
@@ -288,7 +242,6 @@ def view_agents(
         distractors: distractor counts; None for 1, 8 and the numbers in the agents' training.
         distractor_seeds: tables per task; None as for
             :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
-        episodes: number of example episodes for each agent.
 
     Returns:
         All numbers of the report.
@@ -315,18 +268,11 @@ def view_agents(
     scorer_results = _scorers_alone(groups, evaluators)
     other_labels = _made_by_other_books(everyone)
     reference = next(iter(results.values()))
-    graph = first.opened.graph
-    split = first.opened.split
     tasks = len(evaluators[headline].tasks)
     return AgentsView(
         format="wordcraft-kg agent report 1",
-        graph=EvaluatedGraph.of(graph),
-        split=SharedSplit(
-            kind=split.config.kind,
-            seed=split.config.seed,
-            hash=split.hash,
-            unit=split.unit,
-        ),
+        graph=PlayedGraph.of(first.opened),
+        unit=first.opened.split.unit,
         part=part,
         depth=first.config.tasks.depth,
         distractors=tuple(played),
@@ -348,31 +294,7 @@ def view_agents(
             for name, members in groups.items()
         ),
         baselines=tuple(_baselines(groups, evaluators, scorer_results)),
-        episodes=tuple(
-            Explanation(
-                members[0].name,
-                members[0].checkpoint,
-                part,
-                _episodes(members[0], world, episodes),
-            )
-            for members in groups.values()
-        ),
     )
-
-
-def summarise_agents(view: AgentsView, report: str) -> dict[str, Any]:
-    """Return the main results in an agent report: success by agent, and the path to the report."""
-    agents = {
-        agent.name: {"runs": agent.runs, "seeds": agent.seeds, "success": agent.success}
-        for agent in view.agents
-    }
-    return {
-        "report": report,
-        "part": view.part,
-        "depth": view.depth,
-        "agents": agents,
-        "baselines": view.baselines,
-    }
 
 
 def _made_by_other_books(agents: Sequence[OpenedAgent]) -> frozenset[str] | None:
@@ -421,7 +343,7 @@ def _play(player: players.Player, evaluators: dict[int, Evaluator]) -> dict[int,
 
 def _baselines(
     groups: Groups, evaluators: dict[int, Evaluator], scorers: _ScorersAlone
-) -> Iterator[BaselineSuccess]:
+) -> Iterator[PlayerSuccess]:
     first = next(iter(groups.values()))[0]
     results = {
         "random": _play(players.random_entity, evaluators),
@@ -440,9 +362,8 @@ def _baselines(
     # Last, as the upper bound.
     results["recipe oracle"] = _play(players.recipe_oracle, evaluators)
     for name, played in results.items():
-        success = {str(amount): float(result.success.mean()) for amount, result in played.items()}
-        by_plan = {str(amount): float(result.by_plan.mean()) for amount, result in played.items()}
-        yield BaselineSuccess(name, success, by_plan)
+        for amount, result in played.items():
+            yield from success_rows(name, amount, result, {})
 
 
 def _words_beside(agent: OpenedAgent) -> dict[str, players.Player]:
@@ -457,12 +378,10 @@ def _words_beside(agent: OpenedAgent) -> dict[str, players.Player]:
 def _conditions(
     agents: Sequence[OpenedAgent], part: TaskPart, distractors: Sequence[int] | None
 ) -> tuple[World, list[int]]:
-    _check_alike(agents, _RULES)
+    _check_alike(agents)
     first = agents[0]
     headline = first.config.tasks.distractors
     world = World(first.opened, first.config.tasks.environment(part, headline))
-    if not world.tasks.is_complete:
-        _check_alike(agents, _DRAWN_BY)
     if distractors is None:
         # A small graph may have too few entities for eight distractors.
         usual = (amount for amount in DISTRACTORS if amount <= world.max_distractors)
@@ -481,7 +400,7 @@ def _conditions(
     return world, played
 
 
-def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
+def _check_alike(agents: Sequence[OpenedAgent]) -> None:
     first = agents[0]
     for agent in agents[1:]:
         if agent.opened.split.hash != first.opened.split.hash:
@@ -490,7 +409,7 @@ def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
                 "their tasks differ, so their results cannot be compared. Train all runs on the "
                 "same graph folder."
             )
-        for rule in rules:
+        for rule in _RULES:
             value = getattr(agent.config.tasks, rule)
             expected = getattr(first.config.tasks, rule)
             if value != expected:
@@ -535,7 +454,6 @@ def _entry(
         name=name,
         runs=tuple(agent.name for agent in members),
         seeds=tuple(agent.config.trainer.seed for agent in members),
-        checkpoints=tuple(agent.checkpoint for agent in members),
         settings={
             key: shown_setting(key, value)
             for key, value in config.differing().items()
@@ -546,9 +464,6 @@ def _entry(
         trained_with=config.tasks.distractors,
         steps=tuple(agent.metrics[-1].step if agent.metrics else 0 for agent in members),
         seconds=tuple(agent.metrics[-1].seconds if agent.metrics else None for agent in members),
-        steps_per_second=tuple(
-            agent.evaluation.steps_per_second if agent.evaluation else None for agent in members
-        ),
         success={
             str(amount): success_of(runs, reference.get(amount), against_scorer.get(amount))
             for amount, runs in results.items()
@@ -561,13 +476,6 @@ def _entry(
         training=training_metrics(members),
         provenance={agent.name: agent.provenance for agent in members},
     )
-
-
-def _episodes(agent: OpenedAgent, world: World, episodes: int) -> tuple[ExplainedEpisode, ...]:
-    if agent.config.policy.policy == "mlp":
-        # The headline count may be another than that of training.
-        world = world.variant(num_distractors=agent.config.tasks.distractors)
-    return explain_episodes(agent.policy, world, episodes=episodes, outside=agent.outside)
 
 
 @dataclass(frozen=True)
@@ -594,33 +502,26 @@ EXTERNAL: Registry[PlayGames] = Registry("wordcraft_kg.external_players")
 
 
 class AgentEvaluation(Record):
-    """Success of a trained agent or of another player on the agent's tasks.
+    """Success of a trained agent on its tasks.
 
     Attributes:
-        run: folder of the run with the tasks.
-        agent: name of the player.
-        checkpoint: checkpoint of the trained agent's weights; None for other players.
-        scores: how the scores are standardised if the scorer plays alone; None for other players.
+        run: folder of the run.
+        checkpoint: checkpoint of the agent's weights.
         part: split part with the tasks.
         depth: fewest attempts that solve a task.
-        distractor_policy: where distractors are drawn from.
         success: success rate by distractor count.
         outcomes: share of episodes by termination reason, by distractor count.
-        against_scorer: comparison of the trained agent with its scorer alone, by distractor count;
-            None for other players and without a scorer.
-        sources: what each source adds to the trained agent, by distractor count; None for other
-            players and without a scorer.
+        against_scorer: comparison of the agent with its scorer alone, by distractor count; None
+            without a scorer.
+        sources: what each source adds to the agent, by distractor count; None without a scorer.
         by_goal: success on goals that another book in the scorer's training makes, and on all other
             goals, by distractor count; None if the scorer learned from no other book.
     """
 
     run: str
-    agent: str
-    checkpoint: str | None
-    scores: str | None
+    checkpoint: str
     part: TaskPart
     depth: int
-    distractor_policy: DistractorPolicy
     success: dict[str, Success]
     outcomes: dict[str, dict[TerminationReason, Share]]
     against_scorer: dict[str, AgainstScorer] | None
@@ -638,78 +539,61 @@ class AgentEvaluation(Record):
 
 def view_evaluation(
     run: Path,
-    trained: OpenedAgent,
-    agent: str,
+    agent: OpenedAgent,
     part: TaskPart,
     distractors: Sequence[int],
     distractor_seeds: int | None,
-    distractor_policy: DistractorPolicy | None = None,
     limit: int = MOST_TASKS,
 ) -> AgentEvaluation:
-    """Evaluate a player on an agent's tasks.
+    """Evaluate an agent on its tasks.
 
     Args:
-        run: folder of ``trained``.
-        trained: the agent whose tasks are played.
-        agent: name of the player, see :func:`~wordcraft_kg.agents.evaluation.player_of`.
+        run: folder of ``agent``.
+        agent: the trained agent.
         part: split part with the tasks.
         distractors: distractor counts.
         distractor_seeds: tables per task; None as for
             :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
-        distractor_policy: where distractors are drawn from; None for the agent's setting in
-            training.
         limit: most tasks; of more, evenly spaced ones are played.
 
     Returns:
         Success and outcomes by distractor count.
 
     Raises:
-        ConfigError: if ``agent`` is kg-only and the run has no scorer, a value is out of range, or
-            the graph has too few entities for so many distractors.
+        ConfigError: if a value is out of range, or the graph has too few entities for so many
+            distractors.
         TaskError: if the part has no tasks of the agent's depth.
     """
-    player = player_of(trained.policy, agent)
-    tasks = trained.config.tasks
-    policy = trained.config.policy
-    config = tasks.environment(part, distractors[0])
-    if distractor_policy is not None:
-        config = config.variant(distractor_policy=distractor_policy)
-    world = World(trained.opened, config)
+    policy = agent.policy
+    tasks = agent.config.tasks
+    world = World(agent.opened, tasks.environment(part, distractors[0]))
     evaluators = _evaluators(world, distractors, distractor_seeds, limit)
-    results = _play(player, evaluators)
+    results = _play(PolicyPlayer(policy), evaluators)
     against_scorer = None
     sources = None
-    if agent == "trained" and trained.policy.sources:
+    if policy.sources:
         # The last one is p alone if the agent has it, else w alone, else all sources.
-        name, scorer_player = list(players.scorer_alone(trained.policy.sources).items())[-1]
+        name, scorer_player = list(players.scorer_alone(policy.sources).items())[-1]
         against_scorer = {
             str(amount): compare_with_scorer([results[amount]], name, scorer_result)
             for amount, scorer_result in _play(scorer_player, evaluators).items()
         }
         sources = {
-            str(amount): source_gains([trained.policy], evaluator, [results[amount]])
+            str(amount): source_gains([policy], evaluator, [results[amount]])
             for amount, evaluator in evaluators.items()
         }
     by_goal = None
-    labels = trained.made_by_other_books
+    labels = agent.made_by_other_books
     if labels is not None:
         by_goal = {
-            str(amount): slices_of(trained, world.tasks, [result], labels).get("other_book", ())
+            str(amount): slices_of(agent, world.tasks, [result], labels).get("other_book", ())
             for amount, result in results.items()
         }
-    scores = None
-    if agent == "kg-only":
-        scores = (
-            f"{with_letters(policy.sources)}, scale {policy.scale}, self edges {policy.self_edges}"
-        )
     return AgentEvaluation(
         run=str(run),
-        agent=agent,
-        checkpoint=trained.checkpoint if agent == "trained" else None,
-        scores=scores,
+        checkpoint=agent.checkpoint,
         part=part,
         depth=tasks.depth,
-        distractor_policy=world.config.distractor_policy,
         success={str(amount): result.metrics() for amount, result in results.items()},
         outcomes={str(amount): result.shares() for amount, result in results.items()},
         against_scorer=against_scorer,
@@ -766,7 +650,6 @@ class Baselines(Record):
         graph: the graph as the user named it.
         part: split part with the tasks.
         depth: fewest attempts that solve a task.
-        distractor_policy: where distractors are drawn from.
         tasks: number of played tasks.
         distractor_seeds: tables per task.
         seed: seed of distractors and of the players' choices.
@@ -778,7 +661,6 @@ class Baselines(Record):
     graph: str
     part: TaskPart
     depth: int
-    distractor_policy: DistractorPolicy
     tasks: Count
     distractor_seeds: Count
     seed: int
@@ -833,7 +715,7 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
         # A cross-fitted scorer needs the tasks that it may have been trained on, to answer by the
         # model of the fold that has not seen them.
         tasks = world.tasks if config.part in ("train", "all") else None
-        groups = goal_groups(opened.graph, world.tasks.goals, trained.made_by_other_books)
+        groups = goal_groups(opened.graph, world.tasks.goals, trained.history.made_by_other_books)
         guided = players.scorer_players(
             opened.graph, trained.scorer, trained.triples, tasks, plans=True
         )
@@ -855,7 +737,6 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
         graph=graph,
         part=config.part,
         depth=config.depth,
-        distractor_policy=config.distractor_policy,
         tasks=len(played),
         distractor_seeds=tables,
         seed=seed,

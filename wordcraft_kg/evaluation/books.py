@@ -24,7 +24,7 @@ from wordcraft_kg.graphs.book_check import LISTED, BookCheck, Finding, check_boo
 from wordcraft_kg.graphs.book_files import ReadOptions
 from wordcraft_kg.graphs.book_files.rows import Place
 from wordcraft_kg.graphs.book_files.writing import write_book
-from wordcraft_kg.graphs.library import FETCHABLE, KnownBook, cache_folder, data_folder, locate_book
+from wordcraft_kg.graphs.library import FETCHABLE, KnownBook, locate_book
 from wordcraft_kg.graphs.recipes import Reading
 
 MAX_COUNTED = 8 * 2**20
@@ -48,20 +48,6 @@ class ListedBook(Record):
     note: str
     entities: Count | None
     recipes: Count | None
-
-
-class BookList(Record):
-    """All known recipe books.
-
-    Attributes:
-        books: the books.
-        cache: folder for fetched books.
-        data_folder: folder of the user's own books; None if not set.
-    """
-
-    books: tuple[ListedBook, ...]
-    cache: str
-    data_folder: str | None
 
 
 class CheckedBook(Record):
@@ -91,14 +77,9 @@ class CheckedBook(Record):
     columns_left_out: tuple[str, ...] = ()
 
 
-def view_books() -> BookList:
+def view_books() -> list[ListedBook]:
     """List the known recipe books with their sizes."""
-    folder = data_folder()
-    return BookList(
-        books=tuple(_listed(book) for book in known_books()),
-        cache=str(cache_folder()),
-        data_folder=None if folder is None else str(folder),
-    )
+    return [_listed(book) for book in known_books()]
 
 
 def _listed(book: KnownBook) -> ListedBook:
@@ -263,6 +244,13 @@ def view_tasks(world: World, limit: int, seed: int) -> TaskListing:
     """
     tables = EvaluationTables(world)
     order = np.random.default_rng(seed).permutation(len(world.tasks))[:limit].tolist()
+    shown = []
+    for index in order:
+        task = world.tasks[index]
+        table = world.graph.labels(tables.table(index, seed))
+        # Sorted, because the table's order is random and tells nothing.
+        distractors = tuple(sorted(set(table) - set(task.start)))
+        shown.append(ShownTask(task.goal, task.start, distractors, table, task.plans))
     return TaskListing(
         graph=world.graph.name,
         depth=world.config.depth,
@@ -271,18 +259,5 @@ def view_tasks(world: World, limit: int, seed: int) -> TaskListing:
         uses_twice=float(world.tasks.uses_twice.mean()),
         complete=world.tasks.is_complete,
         mixed=world.tasks.mixed,
-        shown=tuple(_shown(tables, index, seed) for index in order),
-    )
-
-
-def _shown(tables: EvaluationTables, index: int, seed: int) -> ShownTask:
-    task = tables.world.tasks[index]
-    table = tables.world.graph.labels(tables.table(index, seed))
-    return ShownTask(
-        goal=task.goal,
-        start=task.start,
-        # Sorted, because the table's order is random and tells nothing.
-        distractors=tuple(sorted(set(table) - set(task.start))),
-        table=table,
-        plans=task.plans,
+        shown=tuple(shown),
     )

@@ -1,7 +1,7 @@
 """Evaluation of a link predictor: ranking metrics, baselines, query groups, and validity checks."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Annotated, Any, Literal
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -13,8 +13,6 @@ from wordcraft_kg.base import Count, Record, Share, quoted
 from wordcraft_kg.base.statistics import bootstrap, cluster_interval, wilson_interval
 from wordcraft_kg.evaluation.agent_metrics import (
     OPEN_END,
-    Bounds,
-    EvaluatedGraph,
     binned,
     goal_groups,
 )
@@ -23,6 +21,7 @@ from wordcraft_kg.graphs import (
     COMBINES_WITH,
     RELATIONS,
     Ids,
+    PlayedGraph,
     Relation,
     SplitSummary,
     TrainedOn,
@@ -30,11 +29,9 @@ from wordcraft_kg.graphs import (
     layers,
 )
 from wordcraft_kg.graphs.audit import Leakage, leakage, split_summary
-from wordcraft_kg.models.links.link_records import TraceRow
-from wordcraft_kg.models.scorers.cross_fitting import folds_of
+from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord, folds_of
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import (
-    NEAR_SYNONYM,
     near_synonym_recipes,
     near_synonym_triples,
 )
@@ -42,9 +39,6 @@ from wordcraft_kg.models.scorers.ranking import (
     RankingMetrics,
     random_metrics,
     random_reciprocal_ranks,
-    rank_triples,
-    ranking_metrics,
-    sampled,
     slice_masks,
     with_interval,
 )
@@ -196,7 +190,11 @@ LISTED = 8
 SEEN = ((0, 0), (1, 5), (6, 15), (16, 40), (41, 100), (101, OPEN_END))
 _LAYERS = ((0, 2), (3, 5), (6, 8), (9, 11), (12, OPEN_END))
 NO_NEAR_SYNONYM = "no such train recipe"
-Verdict = Literal["above", "no significant difference", "below"]
+Masks = dict[str, NDArray[np.bool_]]
+"""Groups of queries by name, each of shape (2 T,)."""
+Slices = dict[str, RankingMetrics]
+"""Metrics by the name of a group of queries, such as a relation."""
+Verdict = Literal["above", "no significant difference from", "below"]
 
 
 class BaselineComparison(Record):
@@ -207,7 +205,8 @@ class BaselineComparison(Record):
         difference: MRR of the link predictor minus that of the baseline.
         ci: 95 % interval, by bootstrap over groups of recipes; both models answer the same
             resampled queries.
-        verdict: `no significant difference` (at 5 %) if the interval contains 0.
+        verdict: the link predictor is `above` the baseline, `below` it, or has `no significant
+            difference from` it (at 5 %): the interval contains 0.
     """
 
     baseline: str
@@ -215,87 +214,9 @@ class BaselineComparison(Record):
     ci: tuple[float, float]
     verdict: Verdict
 
-    @property
-    def compared(self) -> str:
-        """Verdict before the baseline's name: ``above``, or ``no significant difference from``."""
-        if self.verdict == "no significant difference":
-            return f"{self.verdict} from"
-        return self.verdict
 
-
-class SliceMetrics(RankingMetrics, kw_only=True):
-    """Ranking metrics for a named group of queries (a slice).
-
-    Attributes:
-        slice: the group's name.
-    """
-
-    slice: str
-
-
-class DrillDown(Record):
-    """Ranking metrics for groups of queries; groups without queries are left out.
-
-    Attributes:
-        seen_in_train: by the number of training triples with the answer.
-        layer: by the crafting rounds to the answer.
-        self_combination: combinesWith of an entity with itself, and with another entity.
-        near_synonyms: test recipes that repeat a train recipe with a near-synonym, and all others;
-            empty for a model trained on the full graph.
-        other_book: componentOf links to goals that another book in the training makes, and to all
-            other goals; empty without another book.
-    """
-
-    seen_in_train: tuple[SliceMetrics, ...]
-    layer: tuple[SliceMetrics, ...]
-    self_combination: tuple[SliceMetrics, ...]
-    near_synonyms: tuple[SliceMetrics, ...]
-    other_book: tuple[SliceMetrics, ...] = ()
-
-
-class RankedTriple(Record):
-    """A query with the rank of the true entity.
-
-    Attributes:
-        head: the head.
-        relation: the relation.
-        tail: the tail.
-        side: the open slot, whose entity was ranked.
-        rank: filtered rank of the true entity, from 1; ties share their mean rank.
-        score: score of the true entity.
-        top: the best candidate.
-    """
-
-    head: str
-    relation: Relation
-    tail: str
-    side: Literal["head", "tail"]
-    rank: Annotated[float, msgspec.Meta(ge=1)]
-    score: float
-    top: str
-
-
-class ScoredPair(Record):
-    """A triple outside the graph, with its score.
-
-    Attributes:
-        head: the head.
-        relation: the relation.
-        tail: the tail.
-        score: the score, on the scorer's own scale.
-    """
-
-    head: str
-    relation: Relation
-    tail: str
-    score: float
-
-
-def comparisons_of(links: RankedLinks, seed: int) -> Iterator[BaselineComparison]:
-    """Compare a link predictor with each baseline by reciprocal ranks, the best baseline first.
-
-    ``seed`` is the seed of the bootstrap.
-    """
+def comparisons_of(links: RankedLinks) -> Iterator[BaselineComparison]:
+    """Compare a link predictor with each baseline by reciprocal ranks, the best baseline first."""
     reciprocal_ranks = _reciprocal(links.ranks)
     baselines = {name: _reciprocal(ranks) for name, ranks in links.baseline_ranks.items()}
     # The expectation over random orders, and not one order: its own luck would widen the interval.
@@ -303,9 +224,9 @@ def comparisons_of(links: RankedLinks, seed: int) -> Iterator[BaselineComparison
     best_first = sorted(baselines, key=lambda name: -float(baselines[name].mean()))
     for name in best_first:
         difference = reciprocal_ranks - baselines[name]
-        means = bootstrap(difference, links.clusters, seed=seed)
+        means = bootstrap(difference, links.clusters)
         low, high = cluster_interval(difference, links.clusters, means)
-        verdict: Verdict = "no significant difference"
+        verdict: Verdict = "no significant difference from"
         if low > 0:
             verdict = "above"
         elif high < 0:
@@ -318,8 +239,17 @@ def _reciprocal(ranks: pd.DataFrame) -> NDArray[np.float64]:
     return np.asarray(1 / ranks["rank"].to_numpy(dtype=float))
 
 
-def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
-    """Return ranking metrics for query groups; ``seed`` is the bootstrap seed."""
+def drill_down_of(links: RankedLinks) -> dict[str, Slices]:
+    """Return ranking metrics for groups of queries, by kind of group; none without queries.
+
+    - ``seen_in_train``: by the number of training triples with the answer.
+    - ``layer``: by the crafting rounds to the answer.
+    - ``self_combination``: combinesWith of an entity with itself, and with another entity.
+    - ``near_synonyms``: test recipes that repeat a train recipe with a near-synonym, and all
+      others; not for a model trained on the full graph.
+    - ``other_book``: componentOf links to goals that another book in the training makes, and to all
+      other goals.
+    """
     graph = links.graph
     ranks = links.ranks
     trained_on = links.train_sample.triples
@@ -329,97 +259,126 @@ def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
     # A triple counts for both of its ends, and twice for an entity with itself.
     ends = np.concatenate([trained_on[:, 0], trained_on[:, 2]])
     uses = np.bincount(ends, minlength=graph.num_entities)
-    train_uses = uses[target]
     layer = layers(graph)[target]
     is_symmetric = (ranks["relation"] == COMBINES_WITH).to_numpy()
     is_self = (ranks["head"] == ranks["tail"]).to_numpy()
-
-    def between(values: Ids, bounds: Bounds) -> Iterator[tuple[str, NDArray[np.bool_]]]:
-        return binned(values, bounds, more=" or more")
-
-    def slices(groups: Iterable[tuple[str, NDArray[np.bool_]]]) -> Iterator[SliceMetrics]:
-        for name, mask in groups:
-            if mask.any():
-                metrics = with_interval(ranks[mask], links.clusters[mask], seed=seed)
-                yield SliceMetrics(**msgspec.structs.asdict(metrics), slice=name)
-
-    pairs = [("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]
     # The goal is the tail of componentOf; combinesWith says nothing about a goal.
     goals = ranks["tail"].to_numpy(dtype=np.int64)
-    groups = goal_groups(graph, goals, links.made_by_other_books)
-    by_other_book = [
-        (f"componentOf, {name}", mask & ~is_symmetric) for name, mask in groups.items()
-    ]
-    return DrillDown(
-        seen_in_train=tuple(slices(between(train_uses, SEEN))),
-        layer=tuple(slices([("not reachable", layer < 0), *between(layer, _LAYERS)])),
-        self_combination=tuple(slices(pairs)),
-        # With all recipes in training every test recipe repeats a train recipe: itself.
-        near_synonyms=() if links.is_full else tuple(slices(_near_synonyms(links))),
-        other_book=tuple(slices(by_other_book)),
-    )
+    by_book = goal_groups(graph, goals, links.made_by_other_books)
+    groups: dict[str, Masks] = {
+        "seen_in_train": dict(binned(uses[target], SEEN)),
+        "layer": {"not reachable": layer < 0, **dict(binned(layer, _LAYERS))},
+        "self_combination": {
+            "with itself": is_symmetric & is_self,
+            "with another": is_symmetric & ~is_self,
+        },
+        "near_synonyms": _near_synonyms(links),
+        "other_book": {
+            f"componentOf, {name}": mask & ~is_symmetric for name, mask in by_book.items()
+        },
+    }
+    drill_down = {}
+    for kind, masks in groups.items():
+        asked = {name: mask for name, mask in masks.items() if mask.any()}
+        if asked:
+            drill_down[kind] = _with_intervals(links, ranks, asked)
+    return drill_down
 
 
-def _near_synonyms(links: RankedLinks) -> list[tuple[str, NDArray[np.bool_]]]:
+def _with_intervals(links: RankedLinks, ranks: pd.DataFrame, masks: Masks) -> Slices:
+    """Return metrics of ranks of the links' queries, for each group of queries."""
+    # All models are resampled with the same seed, so intervals differ only by the ranks.
+    return {name: with_interval(ranks[mask], links.clusters[mask]) for name, mask in masks.items()}
+
+
+def _near_synonyms(links: RankedLinks) -> Masks:
+    # With all recipes in training every test recipe repeats a train recipe: itself.
+    if links.is_full:
+        return {}
     graph = links.graph
     recipes = near_synonym_recipes(links.opened.split, glove_features(graph.entities))
     # Both queries of a triple, tails before heads.
     repeats = np.tile(near_synonym_triples(graph, recipes, links.queries), 2)
     if not repeats.any():  # as in a split by goal, or without word vectors
-        return []
-    return [("a train recipe with a near-synonym", repeats), (NO_NEAR_SYNONYM, ~repeats)]
+        return {}
+    return {"a train recipe with a near-synonym": repeats, NO_NEAR_SYNONYM: ~repeats}
 
 
-def listed_triples(links: RankedLinks, *, ascending: bool) -> tuple[RankedTriple, ...]:
-    """Return the best-ranked (ascending) or worst-ranked queries, one for each fact.
+class ListedTriple(Record, omit_defaults=True):
+    """A triple in a list of examples.
 
-    A fact's queries for head and tail, and a combinesWith triple and its mirror, are one fact.
+    Attributes:
+        head: the head.
+        relation: the relation.
+        tail: the tail.
+        score: the scorer's score, on its own scale.
+        side: the open slot, whose entity was ranked; None for a triple that was not ranked.
+        rank: filtered rank of the true entity, from 1; ties share their mean rank.
+        top: the best candidate.
     """
-    order = links.ranks.sort_values(
-        ["rank", "score"], ascending=[ascending, not ascending], kind="stable"
-    )
-    ends = order[["head", "tail"]].copy()
-    is_mirrored = order["relation"] == COMBINES_WITH
-    # Sorted ends are equal for a triple and its mirror, so duplicates show.
-    ends[is_mirrored] = np.sort(ends[is_mirrored], axis=1)
-    order = order[~ends.assign(relation=order["relation"]).duplicated()]
-    fields = list(RankedTriple.__struct_fields__)
-    shown = labelled(links.graph, order.head(LISTED))[fields]
+
+    head: str
+    relation: Relation
+    tail: str
+    score: float
+    side: Literal["head", "tail"] | None = None
+    rank: Annotated[float, msgspec.Meta(ge=1)] | None = None
+    top: str | None = None
+
+
+Listed = tuple[ListedTriple, ...]
+"""A list of examples, the most telling first."""
+
+
+def listed_triples(links: RankedLinks) -> dict[str, Listed]:
+    """Return the lists `best`, `worst` and `perhaps_missing`, whose triples are different facts.
+
+    A triple's queries for head and tail, and a combinesWith triple and its mirror, are one fact.
+    """
+    tables = {"perhaps_missing": _perhaps_missing(links)}
+    for name, is_best in (("best", True), ("worst", False)):
+        order = links.ranks.sort_values(
+            ["rank", "score"], ascending=[is_best, not is_best], kind="stable"
+        )
+        ends = order[["head", "tail"]].copy()
+        is_mirrored = order["relation"] == COMBINES_WITH
+        # Sorted ends are equal for a triple and its mirror, so duplicates show.
+        ends[is_mirrored] = np.sort(ends[is_mirrored], axis=1)
+        order = order[~ends.assign(relation=order["relation"]).duplicated()]
+        tables[name] = order.head(LISTED)[list(ListedTriple.__struct_fields__)]
     # Rows of plain numbers: a record of NumPy numbers has no JSON form.
-    return msgspec.convert(shown.to_dict("records"), tuple[RankedTriple, ...])
+    return {
+        name: msgspec.convert(labelled(links.graph, table).to_dict("records"), Listed)
+        for name, table in tables.items()
+    }
 
 
-def perhaps_missing_of(links: RankedLinks) -> Iterator[ScoredPair]:
-    """Yield the best-scored triples outside the graph, equally many for each relation.
+def _perhaps_missing(links: RankedLinks) -> pd.DataFrame:
+    """Return the best-scored triples outside the graph, equally many for each relation.
 
-    Such a triple may be a recipe that the book lacks.
+    Such a triple may be a recipe that the book lacks. Empty for a graph too large for all pairs.
     """
-    graph = links.graph
-    for relation, name in enumerate(RELATIONS):
-        # A copy, because the scorer may keep its table.
-        scores = links.scorer.table(relation).cpu().numpy().copy()
-        if relation == COMBINES_WITH:
-            # Both directions are one fact: their mean stands above the diagonal, nothing below.
-            mean_scores = (scores + scores.T) / 2
-            scores = np.where(np.tri(len(scores), dtype=bool), -np.inf, mean_scores)
-        is_own = graph.triples[:, 1] == relation
-        heads, _, tails = graph.triples[is_own].T
-        scores[heads, tails] = -np.inf
+    size = links.graph.num_entities
+    rows = []
+    for relation in range(len(RELATIONS)) if links.has_table else ():
+        scores = links.scorer.table(relation).cpu().numpy()
+        is_new = ~_table(links.graph.triples, relation, size)
         # An entity with itself: models without an idea of roles score these pairs highest.
-        np.fill_diagonal(scores, -np.inf)
-        best_first = np.argsort(-scores, axis=None, kind="stable")
-        for flat in best_first[: LISTED // 2].tolist():
-            head, tail = divmod(flat, len(scores))
-            score = float(scores[head, tail])
-            # A small graph may have fewer free pairs than rows in the list.
-            if np.isfinite(score):
-                yield ScoredPair(graph.entities[head], name, graph.entities[tail], score)
+        np.fill_diagonal(is_new, False)
+        if relation == COMBINES_WITH:
+            # Both directions are one fact: their mean stands above the diagonal.
+            scores = (scores + scores.T) / 2
+            is_new = np.triu(is_new)
+        pairs = np.flatnonzero(is_new)
+        order = np.argsort(-scores.ravel()[pairs], kind="stable")
+        for pair in pairs[order[: LISTED // 2]].tolist():
+            head, tail = divmod(pair, size)
+            rows.append((head, relation, tail, float(scores[head, tail])))
+    return pd.DataFrame(rows, columns=["head", "relation", "tail", "score"])
 
 
 FEW_TEST_RECIPES = 50
 """A verdict on fewer test recipes is marked: it may differ with another seed of the split."""
-_Slices = dict[str, RankingMetrics]
-"""Metrics for all queries, for each relation, and for each relation and side."""
 
 
 class EvaluatedModel(Record):
@@ -453,46 +412,14 @@ class Check(Record):
     detail: str
 
 
-class Ties(Record):
-    """Ranking metrics with other treatments of ties and known answers.
-
-    Attributes:
-        optimistic: ties are broken for the model.
-        pessimistic: ties are broken against the model.
-        raw_rank: known true answers compete with the answer of the query.
-    """
-
-    optimistic: RankingMetrics
-    pessimistic: RankingMetrics
-    raw_rank: RankingMetrics
-
-
-class InSample(Record):
-    """MRR of a cross-fitted model on train triples, with and without these triples in training.
-
-    Attributes:
-        folds: number of folds.
-        queries: query count for train triples that no recipe outside their fold gives.
-        in_sample_mrr: MRR with the model of all train recipes.
-        left_out_mrr: MRR with the models trained without the query's fold; often below `test_mrr`,
-            so not a forecast.
-        test_mrr: MRR on the unseen test triples.
-    """
-
-    folds: Count
-    queries: Count
-    in_sample_mrr: Share
-    left_out_mrr: Share
-    test_mrr: Share
-
-
 class LinkView(Record):
     """All numbers in a link-prediction report (``report.json``).
 
     Attributes:
         format: name and version of the format.
         model: the evaluated model.
-        graph: the evaluated graph.
+        graph: the evaluated graph and its split.
+        entities: number of entities.
         split: size of the split's parts.
         queries: query count, two per ranked triple.
         triples: number of ranked triples.
@@ -502,24 +429,23 @@ class LinkView(Record):
         leaked_left_out: number of test recipe triples left out because they are also in training.
         leakage: triples of test recipes that training contains, by relation.
         checks: conditions for valid metrics.
-        metrics: metrics with filtered ranks; equal scores share their mean rank.
-        ties: metrics with other treatments of ties and known answers.
-        in_sample: memory of a cross-fitted model; None for other models.
+        metrics: metrics with filtered ranks for all queries, each relation, and each relation and
+            side; equal scores share their mean rank.
+        folds: MRR of a cross-fitted model on train triples, with and without them in training; None
+            for other models.
         probabilities: calibration of a cross-fitted model; empty for other models.
-        with_leaked: metrics with the leaked triples included.
         baselines: metrics of each baseline.
         comparisons: differences between the model and each baseline, the best baseline first.
-        near_synonym_cosine: least cosine of two labels that count as near-synonyms.
-        drill_down: metrics for groups of queries.
-        best, worst: the best-ranked and the worst-ranked queries.
+        drill_down: metrics for groups of queries by kind of group, see :func:`drill_down_of`.
+        best, worst: the best-ranked and the worst-ranked queries, one for each fact.
         perhaps_missing: the best-scored triples outside the graph, perhaps missing recipes.
-        trace: a row for each training epoch.
         provenance: facts about the training, by name.
     """
 
     format: Literal["wordcraft-kg link report 1"]
     model: EvaluatedModel
-    graph: EvaluatedGraph
+    graph: PlayedGraph
+    entities: Count
     split: SplitSummary
     queries: Count
     triples: Count
@@ -528,20 +454,25 @@ class LinkView(Record):
     leaked_left_out: Count
     leakage: dict[Relation, Leakage]
     checks: Annotated[tuple[Check, ...], msgspec.Meta(min_length=2)]
-    metrics: _Slices
-    ties: Ties
-    in_sample: InSample | None
+    metrics: Slices
+    folds: FoldsRecord | None
     probabilities: tuple[Reliability, ...]
-    with_leaked: RankingMetrics
-    baselines: dict[str, _Slices]
+    baselines: dict[str, Slices]
     comparisons: Annotated[tuple[BaselineComparison, ...], msgspec.Meta(min_length=1)]
-    near_synonym_cosine: float
-    drill_down: DrillDown
-    best: tuple[RankedTriple, ...]
-    worst: tuple[RankedTriple, ...]
-    perhaps_missing: tuple[ScoredPair, ...]
-    trace: tuple[TraceRow, ...]
+    drill_down: dict[str, Slices]
+    best: Listed
+    worst: Listed
+    perhaps_missing: Listed
     provenance: dict[str, str]
+
+    @property
+    def has_few_test_recipes(self) -> bool:
+        """Whether fewer than :data:`FEW_TEST_RECIPES` test recipes decide the comparisons.
+
+        A model of the full graph is compared on all recipes, and has seen them.
+        """
+        is_unseen = not self.model.has_seen_the_test_recipes
+        return is_unseen and self.split.test_recipes < FEW_TEST_RECIPES
 
 
 def view_links(
@@ -549,8 +480,6 @@ def view_links(
     *,
     name: str = "scorer",
     provenance: Mapping[str, str] | None = None,
-    trace: Sequence[TraceRow] = (),
-    seed: int = 0,
 ) -> LinkView:
     """Return all numbers in a link-prediction report.
 
@@ -558,8 +487,6 @@ def view_links(
         links: the ranked queries.
         name: the model's name in the report.
         provenance: facts about the training; None for none.
-        trace: a row for each training epoch.
-        seed: seed of the bootstrap.
 
     Returns:
         The numbers, for :func:`~wordcraft_kg.reports.link_report.make_link_report`.
@@ -567,21 +494,28 @@ def view_links(
     Raises:
         ArtefactError: if a score is not a finite number.
     """
-    graph = links.graph
     ranks = links.ranks
     split = split_summary(links.opened.split)
+    scorer = folds_of(links.scorer)
+    folds = None
+    # Some scorers have folds whose links nobody has ranked.
+    if scorer is not None and not links.is_full and scorer.record.mrr is not None:
+        folds = scorer.record
 
-    def measure(part: pd.DataFrame, mask: NDArray[np.bool_]) -> RankingMetrics:
-        return with_interval(part, links.clusters[mask], seed=seed)
-
-    # All models are resampled with the same seed, so intervals differ only by the ranks.
-    baselines = {name: _by_slice(ranks, measure) for name, ranks in links.baseline_ranks.items()}
+    # The same queries in the same order, so the masks are those of the baselines, too.
+    masks = slice_masks(ranks)
+    baselines = {
+        baseline: _with_intervals(links, table, masks)
+        for baseline, table in links.baseline_ranks.items()
+    }
     # Random order has a formula, so its metrics need no interval.
-    baselines["random"] = _by_slice(ranks, lambda part, _: random_metrics(part))
+    baselines["random"] = {part: random_metrics(ranks[mask]) for part, mask in masks.items()}
+    lists = listed_triples(links)
     return LinkView(
         format="wordcraft-kg link report 1",
         model=EvaluatedModel(name, links.kg, links.is_full),
-        graph=EvaluatedGraph.of(graph),
+        graph=PlayedGraph.of(links.opened),
+        entities=links.graph.num_entities,
         split=split,
         queries=len(ranks),
         triples=len(links.queries),
@@ -590,71 +524,17 @@ def view_links(
         leaked_left_out=0 if links.is_full else split.leaked_triples,
         leakage=leakage(links.opened.split),
         checks=tuple(_checks(links)),
-        metrics=_by_slice(ranks, measure),
-        ties=Ties(
-            optimistic=ranking_metrics(ranks, "optimistic"),
-            pessimistic=ranking_metrics(ranks, "pessimistic"),
-            # Without the filter all entities are candidates, which adjusted metrics need to know.
-            raw_rank=ranking_metrics(ranks.assign(candidates=graph.num_entities), "raw_rank"),
-        ),
-        in_sample=_in_sample(links),
+        metrics=_with_intervals(links, ranks, masks),
+        folds=folds,
         probabilities=tuple(reliability_of(links)),
-        with_leaked=_with_leaked(links),
         baselines=baselines,
-        comparisons=tuple(comparisons_of(links, seed)),
-        near_synonym_cosine=NEAR_SYNONYM,
-        drill_down=drill_down_of(links, seed),
-        best=listed_triples(links, ascending=True),
-        worst=listed_triples(links, ascending=False),
-        perhaps_missing=tuple(perhaps_missing_of(links)) if links.has_table else (),
-        trace=tuple(trace),
+        comparisons=tuple(comparisons_of(links)),
+        drill_down=drill_down_of(links),
+        best=lists["best"],
+        worst=lists["worst"],
+        perhaps_missing=lists["perhaps_missing"],
         provenance=dict(provenance or {}),
     )
-
-
-def has_few_test_recipes(view: LinkView) -> bool:
-    """Return whether fewer than :data:`FEW_TEST_RECIPES` test recipes decide the comparisons.
-
-    A model of the full graph is compared on all recipes, and has seen them.
-    """
-    return not view.model.has_seen_the_test_recipes and view.split.test_recipes < FEW_TEST_RECIPES
-
-
-def summarise_links(view: LinkView, report: str) -> dict[str, Any]:
-    """Return the main results for all queries and each relation, and the report's path.
-
-    A result is None without queries of the relation.
-    """
-    # The names that the field uses in text; records have names that Python allows.
-    slices = ("all", *RELATIONS)
-    names = {
-        "mrr": "mrr",
-        "hits@1": "hits_at_1",
-        "hits@3": "hits_at_3",
-        "hits@10": "hits_at_10",
-        "mrr_ci": "mrr_ci",
-    }
-    metrics = {}
-    for name, field in names.items():
-        metrics[name] = {part: getattr(view.metrics[part], field) for part in slices}
-    baselines = {}
-    for name, table in view.baselines.items():
-        baselines[name] = {part: table[part].mrr for part in slices}
-    distant_mrr = [row.mrr for row in view.drill_down.near_synonyms if row.slice == NO_NEAR_SYNONYM]
-    return {
-        **metrics,
-        "queries": view.queries,
-        "triples": view.triples,
-        "sampled_from": view.sampled_from,
-        "leaked_left_out": view.leaked_left_out,
-        "mrr_with_leaked": view.with_leaked.mrr,
-        "mrr_without_near_synonyms": distant_mrr[0] if distant_mrr else None,
-        "has_seen_the_test_recipes": view.model.has_seen_the_test_recipes,
-        "baselines": baselines,
-        "comparisons": view.comparisons,
-        "checks_passed": all(check.passed for check in view.checks),
-        "report": report,
-    }
 
 
 def _checks(links: RankedLinks) -> Iterator[Check]:
@@ -686,36 +566,3 @@ def _checks(links: RankedLinks) -> Iterator[Check]:
     yield Check("leak", no_leak, not in_train, f"{in_train} found")
     no_mirror = "no combinesWith triple has its mirror in the training triples"
     yield Check("mirror", no_mirror, not mirrored, f"{mirrored} found")
-
-
-def _by_slice(
-    ranks: pd.DataFrame, measure: Callable[[pd.DataFrame, NDArray[np.bool_]], RankingMetrics]
-) -> _Slices:
-    return {name: measure(ranks[mask], mask) for name, mask in slice_masks(ranks).items()}
-
-
-def _with_leaked(links: RankedLinks) -> RankingMetrics:
-    # Nothing is left out for a model of the full graph.
-    if links.is_full:
-        return ranking_metrics(links.ranks)
-    split = links.opened.split
-    size = links.graph.num_entities
-    everything = split.triples_of("test")
-    leaked = everything[~is_in(everything, split.held_out("test"), size)]
-    # Sampling leaked and unseen triples in equal shares makes a uniform sample.
-    leaked = sampled(leaked, round(len(leaked) * len(links.queries) / links.population))
-    ranks = rank_triples(links.scorer, leaked, links.graph.triples)
-    if not len(ranks):
-        return ranking_metrics(links.ranks)
-    return ranking_metrics(pd.concat([links.ranks, ranks], ignore_index=True))
-
-
-def _in_sample(links: RankedLinks) -> InSample | None:
-    folds = folds_of(links.scorer)
-    test_mrr = ranking_metrics(links.ranks).mrr
-    if links.is_full or folds is None:
-        return None
-    record = folds.record
-    if record.mrr is None or record.in_sample_mrr is None or test_mrr is None:
-        return None
-    return InSample(record.count, record.queries, record.in_sample_mrr, record.mrr, test_mrr)

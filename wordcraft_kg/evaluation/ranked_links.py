@@ -11,19 +11,25 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from wordcraft_kg.base import (
-    MAX_SIZE,
     ConfigError,
     Count,
     GraphMismatchError,
-    Hash,
     Record,
     Share,
     SplitError,
     refuse,
     whole,
 )
-from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, cluster_interval
-from wordcraft_kg.graphs import RELATIONS, Ids, OpenedGraph, RecipeGraph, TrainedOn, TrainSample
+from wordcraft_kg.base.statistics import bootstrap, cluster_interval
+from wordcraft_kg.graphs import (
+    RELATIONS,
+    Ids,
+    OpenedGraph,
+    PlayedGraph,
+    RecipeGraph,
+    TrainedOn,
+    TrainSample,
+)
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, VoteScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer
@@ -133,7 +139,6 @@ def rank_links(
     train_sample: TrainSample | None = None,
     made_by_other_books: frozenset[str] | None = None,
     max_queries: int = MAX_QUERIES,
-    seed: int = 0,
 ) -> RankedLinks:
     """Rank the evaluation triples in a graph by a scorer.
 
@@ -150,7 +155,6 @@ def rank_links(
         made_by_other_books: labels that other books in the training make; None without another
             book.
         max_queries: most queries to rank, two for each triple of a uniform sample; 0 for all.
-        seed: seed of the sample.
 
     Returns:
         The ranks, with a row for each query.
@@ -164,7 +168,7 @@ def rank_links(
         raise refuse("max_queries", max_queries, f"0 for all, or {2 * MIN_TRIPLES} or more")
     # Test triples that training contains by way of other recipes are leaks, and left out.
     everything = opened.graph.triples if kg == "full" else opened.split.held_out("test")
-    queries = sampled(everything, max_queries // 2, seed) if max_queries else everything
+    queries = sampled(everything, max_queries // 2) if max_queries else everything
     if len(queries) < MIN_TRIPLES:
         triples = "unseen test triples"
         remedy = "Use a recipe book with more recipes, or a graph with a smaller `train_ratio`."
@@ -188,13 +192,13 @@ def rank_links(
     )
 
 
-def labelled(graph: RecipeGraph, ranks: pd.DataFrame) -> pd.DataFrame:
-    """Return a rank table with labels in place of entity and relation ids."""
+def labelled(graph: RecipeGraph, triples: pd.DataFrame) -> pd.DataFrame:
+    """Return a table of triples, or of ranks, with labels in place of entity and relation ids."""
     # Objects: an array of fixed-width strings would copy the longest label's width for each row.
     names = np.array(graph.entities, dtype=object)
     relations = np.array(RELATIONS, dtype=object)
-    frame = ranks.copy()
-    for column in ("head", "tail", "top"):
+    frame = triples.copy()
+    for column in frame.columns.intersection(["head", "tail", "top"]):
         frame[column] = names[frame[column].to_numpy(dtype=np.int64)]
     frame["relation"] = relations[frame["relation"].to_numpy(dtype=np.int64)]
     return frame
@@ -215,8 +219,6 @@ class ComparedModel(RankingMetrics, kw_only=True):
         difference: MRR difference to the first model; None for the first model.
         difference_ci: interval of the difference; the intervals of all model pairs hold together
             with 95 % confidence.
-        probability_better: share of resamples with a higher MRR than the first model; ties count
-            half.
     """
 
     name: str
@@ -225,21 +227,17 @@ class ComparedModel(RankingMetrics, kw_only=True):
     mrr_of_seeds: tuple[Share, ...]
     difference: float | None = None
     difference_ci: Bounds | None = None
-    probability_better: Share | None = None
 
 
 class LinkComparison(Record, omit_defaults=True):
     """Models compared on the same queries; differences are to the first model.
 
     Attributes:
-        graph: name of the graph.
-        hash: content hash of the graph.
-        split: content hash of the split.
+        graph: the graph and its split.
         unit: recipes, goals, slots or kinds: the split holds these out together, and intervals
             resample them.
         triples: number of ranked unseen triples, that is, test triples outside the training data.
         queries: number of queries, two for each triple.
-        resamples: number of bootstrap resamples.
         pairs: number of model pairs, for which the intervals of differences are corrected
             (Bonferroni).
         models: the models in the order given.
@@ -249,22 +247,17 @@ class LinkComparison(Record, omit_defaults=True):
             without such models.
         not_significant: models without a significant difference from `best` at 5 %: the interval
             of the difference contains 0.
-        out: the written page; None without a page.
     """
 
-    graph: str
-    hash: Hash
-    split: Hash
+    graph: PlayedGraph
     unit: str
     triples: Count
     queries: Count
-    resamples: Annotated[int, msgspec.Meta(ge=1)]
     pairs: Annotated[int, msgspec.Meta(ge=1)]
     models: Annotated[tuple[ComparedModel, ...], msgspec.Meta(min_length=2)]
     sampled_from: Count | None = None
     best: str | None = None
     not_significant: tuple[str, ...] = ()
-    out: str | None = None
 
 
 def by_mrr(view: LinkComparison) -> list[ComparedModel]:
@@ -285,9 +278,7 @@ class Contender:
     runs: Sequence[Model]
 
 
-def compare(
-    contenders: Sequence[Contender], *, resamples: int = RESAMPLES, seed: int = 0
-) -> LinkComparison:
+def compare(contenders: Sequence[Contender]) -> LinkComparison:
     """Compare models by MRR on test triples outside training, with bootstrap intervals.
 
     All models share the resamples of the groups that the split holds out together, such as recipes
@@ -297,29 +288,23 @@ def compare(
 
     Args:
         contenders: two or more models; the first is the reference. Very many triples are sampled.
-        resamples: number of bootstrap resamples.
-        seed: seed of the bootstrap and of the sample.
 
     Returns:
         Metrics, differences to the first model, and the best model.
 
     Raises:
-        ConfigError: if a setting is out of range, or the seeds of a model were trained with
-            different settings.
+        ConfigError: if the seeds of a model were trained with different settings.
         GraphMismatchError: if the models were trained on different graphs or splits.
         SplitError: if the split leaves too few unseen triples.
         ArtefactError: if a score is not a finite number.
     """
-    whole("resamples", resamples, 1, MAX_SIZE)
-    whole("seed", seed, 0)
     for contender in contenders:
         _check_alike(contenders[0].runs[0], contender)
     # Also of a model of the full graph the test triples are ranked.
     ranked = []
     for contender in contenders:
         links = [
-            rank_links(run.scorer, run.opened, max_queries=MAX_QUERIES, seed=seed)
-            for run in contender.runs
+            rank_links(run.scorer, run.opened, max_queries=MAX_QUERIES) for run in contender.runs
         ]
         ranked.append(_averaged(contender, links))
     # All models have the same queries, and so the same clusters.
@@ -329,30 +314,20 @@ def compare(
     # Bonferroni: all intervals hold together at 95 %, whichever pair a reader picks.
     confidence = 1 - 0.05 / pairs
 
-    def interval(
-        values: NDArray[np.float64], level: float = confidence
-    ) -> tuple[Bounds, NDArray[np.float64]]:
-        """Return the interval of a mean, and the means of the resamples."""
-        means = bootstrap(values, clusters, resamples=resamples, seed=seed)
-        return cluster_interval(values, clusters, means, level=level), means
+    def interval(values: NDArray[np.float64], level: float = confidence) -> Bounds:
+        means = bootstrap(values, clusters)
+        return cluster_interval(values, clusters, means, level=level)
 
     first = ranked[0][1]
     models = []
     for model, values in ranked:
-        (low, high), _ = interval(values, 0.95)
+        low, high = interval(values, 0.95)
         # Student's t over few groups may reach below 0, where no MRR lies.
         figures: dict[str, Any] = {"mrr_ci": (max(low, 0.0), high)}
         if values is not first:
             # The same queries in the same order, so reciprocal ranks subtract query by query.
             gain = values - first
-            ends, means = interval(gain)
-            # A tie says nothing about either model: half for each.
-            share = float(np.mean(means > 0) + np.mean(means == 0) / 2)
-            figures |= {
-                "difference": float(gain.mean()),
-                "difference_ci": ends,
-                "probability_better": share,
-            }
+            figures |= {"difference": float(gain.mean()), "difference_ci": interval(gain)}
         models.append(msgspec.structs.replace(model, **figures))
     # A model that has seen the test recipes would win by memory.
     fair = [(model.name, values) for model, values in ranked if not model.has_seen_the_test_recipes]
@@ -363,17 +338,14 @@ def compare(
             continue
         lead = best[1] - candidate[1]
         # The best model is ahead by its mean: only the lower end can include 0.
-        (low, _), _ = interval(lead)
+        low, _ = interval(lead)
         if low <= 0:
             not_significant.append(candidate[0])
     return LinkComparison(
-        graph=shared.graph.name,
-        hash=shared.graph.hash,
-        split=shared.opened.split.hash,
+        graph=PlayedGraph.of(shared.opened),
         unit=shared.opened.split.unit,
         triples=len(shared.queries),
         queries=len(clusters),
-        resamples=resamples,
         pairs=pairs,
         sampled_from=shared.sampled_from,
         models=tuple(models),

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.base import ConfigError, Count, Record, Share, check_file
-from wordcraft_kg.base.statistics import paired_difference, wilson_interval
+from wordcraft_kg.base.statistics import wilson_interval
 from wordcraft_kg.graphs import Ids, TrainedOn
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.recipes.set_training import rows_of_sets
@@ -54,14 +54,12 @@ class RankedMethod(Record):
         name: the model, a baseline, or the file of predictions.
         columns: all goals, goals whose parts no train goal has together, goals of which no right
             set is that of a train recipe.
-        lead: the model's share minus the method's, with its paired interval, by k; all goals.
-        answered: number of goals for which the method names a set; None in older records.
+        answered: number of goals for which the method names a set.
     """
 
     name: str
     columns: dict[str, TopShares]
-    lead: dict[int, tuple[float, float, float]]
-    answered: Count | None = None
+    answered: Count
 
 
 class RankedSets(Record):
@@ -74,7 +72,6 @@ class RankedSets(Record):
         methods: the model first.
         calibration_error: mean distance between probabilities and shares of right sets, in ten
             bins of the model's first five suggestions.
-        unanswered: test goals without a suggestion of the model.
         trained_on: training graph of the model; full if all goals were seen in training, so that
             the shares are memory, not prediction.
         has_rule: whether a rule of the user's chose among the model's sets.
@@ -85,7 +82,6 @@ class RankedSets(Record):
     split: str
     methods: tuple[RankedMethod, ...]
     calibration_error: Share
-    unanswered: Count
     trained_on: TrainedOn = "partial"
     has_rule: bool = False
 
@@ -188,7 +184,6 @@ def rank_sets(
                 column: _top_shares(table[is_in_column])
                 for column, is_in_column in goals.columns.items()
             },
-            {} if method == name else _leads(hits[name], table),
             _num_answered(goals, methods[method]),
         )
         for method, table in hits.items()
@@ -199,7 +194,6 @@ def rank_sets(
         split=model.opened.split.hash,
         methods=tuple(rows),
         calibration_error=_calibration_error(np.array(chances), np.array(is_right)),
-        unanswered=sum(not sets for sets in predictions.values()),
         trained_on=model.kg,
         has_rule=rule is not None,
     )
@@ -327,16 +321,6 @@ def _top_shares(hits: np.ndarray[Any, Any]) -> TopShares:
         for k, count in zip(TOP, hits.sum(0).tolist(), strict=True)
     }
     return TopShares(len(hits), shares, intervals)
-
-
-def _leads(
-    model: np.ndarray[Any, Any], method: np.ndarray[Any, Any]
-) -> dict[int, tuple[float, float, float]]:
-    """Return the model's lead over a method with its interval, by k."""
-    return {
-        k: paired_difference(model[:, [column]], method[:, [column]], None)
-        for column, k in enumerate(TOP)
-    }
 
 
 def _calibration_error(chances: np.ndarray[Any, Any], is_right: np.ndarray[Any, Any]) -> float:

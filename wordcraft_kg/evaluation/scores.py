@@ -73,7 +73,7 @@ class Query:
     columns: ClassVar[tuple[str, str, str]] = ("head", "relation", "tail")
     entity_slots: ClassVar[tuple[int, ...]] = (0, 2)
 
-    slots: tuple[str | None, str | None, str | None]
+    slots: tuple[str | None, ...]
     line: int | None = None
 
     @classmethod
@@ -97,10 +97,9 @@ class Query:
                 f"no relation '{words[1]}'; expected {' or '.join(RELATIONS)}."
                 f"{nearest(words[1], RELATIONS)}"
             )
-        first, second, third = (
+        slots = tuple(
             None if word in ("", *OPEN) and word not in entities else word for word in words
         )
-        slots = (first, second, third)
         if slots.count(None) > 1:
             raise ConfigError(
                 f"'{' '.join(word or '_' for word in words)}' has several open slots; leave a "
@@ -157,6 +156,11 @@ def parse_query(words: Sequence[str], entities: Collection[str]) -> Query:
             words, "recipe", "a + b for its results, a + b = c, or _ + b = c for its partners"
         )
     return RecipeQuery.of([*ingredients, result or ""], entities)
+
+
+def is_recipe_query(words: Sequence[str]) -> bool:
+    """Return whether the words of a query have a sign of a recipe."""
+    return any(sign in word for word in words for sign in _SIGNS)
 
 
 def pieces_of_recipe(
@@ -273,8 +277,6 @@ KNOWN: tuple[Known, ...] = ("train", "valid", "test", "new")
 """Names of the parts by their numbers; -1 is ``new``."""
 # Supporting recipes are sorted by share; more would push the results off the screen.
 _SUPPORT = 3
-# A file of queries may name thousands of new entities; a few show what happened.
-_LISTED = 5
 
 
 class ScoredAnswer(Record, omit_defaults=True):
@@ -413,10 +415,9 @@ class Scoring(ABC):
         # Named entities broadcast along the open slot.
         return np.stack(np.broadcast_arrays(*ids), axis=1).astype(np.int64)
 
-    def labels(self, row: Ids) -> tuple[str, str, str]:
+    def labels(self, row: Ids) -> tuple[str, ...]:
         """Return the labels of a row, shape (3,)."""
-        first, second, third = (self.entities[entity] for entity in row.tolist())
-        return first, second, third
+        return tuple(self.entities[entity] for entity in row.tolist())
 
     def candidates(self, query: Query, top: int) -> tuple[Ids, torch.Tensor]:
         """Return rows for a query's open slot, shape (n, 3), and their scores.
@@ -467,8 +468,8 @@ class Scoring(ABC):
         Returns:
             The rank from 1; entities with equal scores share the best rank.
         """
-        slots = [None if i == place else label for i, label in enumerate(query.slots)]
-        rows = self.rows(replace(query, slots=(slots[0], slots[1], slots[2])))
+        slots = tuple(None if i == place else label for i, label in enumerate(query.slots))
+        rows = self.rows(replace(query, slots=slots))
         scores = self.scores(rows)
         # A score among others may differ in its last bits from the score alone, so that an entity
         # would be ranked behind itself.
@@ -554,7 +555,7 @@ class LinkScoring(Scoring):
             outside = finder.of_link(*self.labels(row)) if finder else ()
             yield {"probability": probability, "outside": outside}
 
-    def labels(self, row: Ids) -> tuple[str, str, str]:  # noqa: D102
+    def labels(self, row: Ids) -> tuple[str, ...]:  # noqa: D102
         head, relation, tail = row.tolist()
         return self.entities[head], RELATIONS[relation], self.entities[tail]
 
@@ -624,9 +625,10 @@ class RecipeScoring(Scoring):
         for row, in_sample, share in zip(rows, is_seen, shares, strict=True):
             fields = {"in_sample": in_sample, "probability": share}
             if is_explained:
-                labels = self.labels(row)
-                fields["because"] = tuple(self.scorer.supporting_recipes(*labels, limit=_SUPPORT))
-                fields["outside"] = self.outside.of_recipe(*labels) if self.outside else ()
+                a, b, result = self.labels(row)
+                support = self.scorer.supporting_recipes(a, b, result, limit=_SUPPORT)
+                fields["because"] = tuple(support)
+                fields["outside"] = self.outside.of_recipe(a, b, result) if self.outside else ()
             yield fields
 
     def candidates(self, query: Query, top: int) -> tuple[Ids, torch.Tensor]:
@@ -667,19 +669,23 @@ def scoring_of(model: Model, query: Query, outside: OutsideEvidenceFinder | None
     return kind(model, outside)
 
 
-def with_new_words(model: Model, folder: Path, queries: Sequence[Query]) -> Model:
+def with_new_words(
+    model: Model, folder: Path, queries: Sequence[Query], file: Path | None = None
+) -> Model:
     """Extend a model by the queries' entities that its graph lacks, described by their words alone.
 
     Args:
         model: the model.
         folder: the model folder.
         queries: the queries.
+        file: the file of the queries; None for arguments.
 
     Returns:
         The extended model, or ``model`` itself if the graph has all entities.
 
     Raises:
-        UnknownEntityError: if no word of an entity has a vector, or the model uses no words.
+        UnknownEntityError: if no word of an entity has a vector, or the model uses no words; the
+            error names the line of a file.
         ArtefactError: if the folder is damaged, or the word vectors have changed.
     """
     entities = frozenset(model.scorer.entities)
@@ -687,24 +693,15 @@ def with_new_words(model: Model, folder: Path, queries: Sequence[Query]) -> Mode
     new = tuple(dict.fromkeys(label for label in labels if label not in entities))
     if not new:
         return model
-    return replace(model, scorer=with_words(folder, model.scorer, new))
-
-
-def new_words(model: Model) -> tuple[str, ...]:
-    """Return the entities of a model's scorer that its graph lacks, its last ones."""
-    return tuple(model.scorer.entities[model.opened.graph.num_entities :])
-
-
-def note_of_words(model: Model) -> list[str]:
-    """Return a note on new entities in queries, scored by their words; empty without any."""
-    words = new_words(model)
-    if not words:
-        return []
-    # A single new entity may be a misspelling that has a vector, too: the nearest label helps then.
-    hint = nearest(words[0], model.opened.graph.entities) if len(words) == 1 else ""
-    listed = ", ".join(f"'{label}'" for label in words[:_LISTED])
-    ending = f" and {len(words) - _LISTED:,} more" if len(words) > _LISTED else ""
-    return [f"not in the graph, scored by words alone: {listed}{ending}.{hint}"]
+    try:
+        scorer = with_words(folder, model.scorer, new)
+    except UnknownEntityError as error:
+        for query in queries:
+            is_meant = any(str(error).startswith(f"no entity '{name}'.") for name in query.labels)
+            if is_meant and file is not None:
+                raise UnknownEntityError(f"{file}, line {query.line}: {error}") from None
+        raise
+    return replace(model, scorer=scorer)
 
 
 def main_support(witnesses: Sequence[Witness]) -> Sequence[Witness]:

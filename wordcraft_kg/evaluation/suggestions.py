@@ -4,8 +4,8 @@
 of a list of entities. :mod:`~wordcraft_kg.evaluation.likely_recipes` finds recipes of pairs; models
 of sets rank the sets of each goal.
 
-:func:`write_suggestions` writes them as a table that a person ticks, :func:`write_accepted` a book
-with the ticked recipes. The table is a recipe file, so every command that takes a book reads it
+:func:`table_lines` writes them as a table that a person ticks, :func:`write_accepted` a book with
+the ticked recipes. The table is a recipe file, so every command that takes a book reads it
 without options.
 """
 
@@ -29,8 +29,6 @@ from wordcraft_kg.base import (
     Share,
     check_output_file,
     nearest,
-    output_target,
-    write_atomically,
 )
 from wordcraft_kg.evaluation.likely_recipes import LikelyRecipes, RecipeFinder
 from wordcraft_kg.evaluation.scores import OPEN, Known, pieces_of_recipe
@@ -75,42 +73,24 @@ _SETS = 20
 """Sets of each of these goals that are looked at."""
 
 
-class SetSupport(Record):
-    """A train recipe that supports a suggestion.
-
-    Attributes:
-        ingredients: labels of the ingredients.
-        result: label of the result.
-        strength: relative to the strongest, which has 1.
-    """
-
-    ingredients: tuple[str, ...]
-    result: str
-    strength: Share
-
-    def __str__(self) -> str:
-        return f"{' + '.join(self.ingredients)} -> {self.result}"
-
-
 class Suggestion(Record):
-    """A recipe.
+    """A suggested or known recipe.
 
     Attributes:
-        ingredients: labels of the ingredients.
-        result: label of the result.
+        recipe: the recipe, by labels.
         probability: of pairs, that the pair makes the result; of sets, that a recipe of the result
             has exactly these ingredients. Calibrated on train recipes that the model had not seen;
             1 for a known recipe.
         known: split part with the recipe, or ``new``.
-        because: train recipes of similar goals, or with similar ingredients.
+        because: train recipes of similar goals, or with similar ingredients, each with its strength
+            relative to the strongest, which has 1.
         steps: attempts in a row until the result is there, from a list of entities; None elsewhere.
     """
 
-    ingredients: tuple[str, ...]
-    result: str
+    recipe: Recipe
     probability: Share
     known: Known
-    because: tuple[SetSupport, ...]
+    because: tuple[tuple[Recipe, Share], ...]
     steps: Count | None = None
 
 
@@ -165,7 +145,6 @@ class Suggestions(Record):
 
     Attributes:
         wish: the wanted recipes.
-        parts: shares of the goal's parts; empty without parts.
         new: entities of the wish that the graph lacks, known by their parts and words.
         suggestions: recipes, best first.
         trained_on: training graph of the model.
@@ -176,7 +155,6 @@ class Suggestions(Record):
     """
 
     wish: Wish
-    parts: dict[str, float]
     new: tuple[str, ...]
     suggestions: tuple[Suggestion, ...]
     trained_on: TrainedOn
@@ -223,12 +201,6 @@ def parse_set(words: Sequence[str], entities: frozenset[str]) -> tuple[tuple[str
 def is_set_model(model: Model) -> bool:
     """Return whether a model scores sets of any number of ingredients."""
     return isinstance(model.scorer, SetScorer)
-
-
-def is_set_query(scorer: object, words: Sequence[str]) -> bool:
-    """Return whether the words of a query are a recipe for a model of sets."""
-    signs = ("+", "=", "->", "→")
-    return isinstance(scorer, SetScorer) and any(sign in word for word in words for sign in signs)
 
 
 def can_suggest(model: Model) -> bool:
@@ -287,14 +259,14 @@ def suggest_sets(
     sets = []
     for ranked_set in ranked:
         labels = [scorer.entities[entity] for entity in ranked_set.ingredients]
-        is_new = not new_only or _known(split, labels, goal) == "new"
+        is_new = not new_only or _known(split, Recipe(labels, goal)) == "new"
         if is_new and size in (None, len(labels)):
             sets.append(ranked_set)
     suggestions = [
         _suggestion(split, scorer, ranked_set.ingredients, goal, ranked_set.score)
         for ranked_set in sets[:top]
     ]
-    return Suggestions(Wish(goal=goal), _parts(scorer, goal), new, tuple(suggestions), model.kg)
+    return Suggestions(Wish(goal=goal), new, tuple(suggestions), model.kg)
 
 
 def score_set(model: Model, ingredients: Sequence[str], goal: str) -> Suggestions:
@@ -314,7 +286,7 @@ def score_set(model: Model, ingredients: Sequence[str], goal: str) -> Suggestion
     row[0, : len(ids)] = ids
     score = float(scorer.score_sets(row, scorer.entity_ids([goal]).numpy())[0])
     suggestion = _suggestion(model.opened.split, scorer, tuple(sorted(ids)), goal, score)
-    return Suggestions(Wish(goal=goal), _parts(scorer, goal), new, (suggestion,), model.kg)
+    return Suggestions(Wish(goal=goal), new, (suggestion,), model.kg)
 
 
 def _scorer_of(model: Model, labels: Sequence[str]) -> tuple[SetScorer, tuple[str, ...]]:
@@ -333,25 +305,16 @@ def _scorer_of(model: Model, labels: Sequence[str]) -> tuple[SetScorer, tuple[st
     return scorer, new
 
 
-def _parts(scorer: SetScorer, goal: str) -> dict[str, float]:
-    return scorer.parts_of(goal) if scorer.knowledge.has_parts else {}
-
-
 def _suggestion(
     split: Split, scorer: SetScorer, ids: tuple[int, ...], goal: str, score: float
 ) -> Suggestion:
     entities = scorer.entities
-    support = [
-        SetSupport(
-            tuple(entities[entity] for entity in near.ingredients),
-            entities[near.result],
-            near.strength,
-        )
-        for near in scorer.near_recipes(goal, ids, _SUPPORT)
-    ]
-    labels = tuple(entities[entity] for entity in ids)
-    split_part = _known(split, labels, goal)
-    return Suggestion(labels, goal, float(np.exp(score)), split_part, tuple(support))
+    support = []
+    for near in scorer.near_recipes(goal, ids, _SUPPORT):
+        labels = [entities[entity] for entity in near.ingredients]
+        support.append((Recipe(labels, entities[near.result]), near.strength))
+    recipe = Recipe([entities[entity] for entity in ids], goal)
+    return Suggestion(recipe, float(np.exp(score)), _known(split, recipe), tuple(support))
 
 
 # Two splits, since tests and notebooks open several; a list of suggestions asks for many recipes.
@@ -363,9 +326,9 @@ def _parts_of_recipes(split: Split) -> dict[Recipe, Part]:
     return {recipe: names[part] for recipe, part in zip(recipes, split.parts, strict=True)}
 
 
-def _known(split: Split, ingredients: Sequence[str], result: str) -> Known:
+def _known(split: Split, recipe: Recipe) -> Known:
     """Return the part of a split that has a recipe, or ``new``."""
-    return _parts_of_recipes(split).get(Recipe(ingredients, result), "new")
+    return _parts_of_recipes(split).get(recipe, "new")
 
 
 # --- recipes that the book lacks ------------------------------------------------------------------
@@ -427,7 +390,6 @@ def suggest(
     known_steps = [] if steps is None else list(_made(model.opened.split, steps))
     return Suggestions(
         wish,
-        {},
         (),
         tuple(listed),
         model.kg,
@@ -495,11 +457,12 @@ def _suggested_pair(
 ) -> Suggestion:
     first, second, result = (scorer.entities[entity] for entity in row.tolist())
     support = [
-        SetSupport(witness.recipe.ingredients, witness.result, witness.strength)
+        (witness.recipe, witness.strength)
         for witness in scorer.supporting_recipes(first, second, result, limit=_SUPPORT)
     ]
     step = _step(steps, row[:2].tolist())
-    return Suggestion((first, second), result, probability, "new", tuple(support), step)
+    recipe = Recipe.of(first, second, result)
+    return Suggestion(recipe, probability, "new", tuple(support), step)
 
 
 def _step(steps: Ids | None, ingredients: Sequence[int]) -> int | None:
@@ -525,7 +488,7 @@ def _made(split: Split, steps: Ids) -> Iterator[Suggestion]:
     for row, recipe in zip(rows, graph.recipe_labels(graph.sets[rows]), strict=True):
         part = names[split.parts[row]]
         step = int(from_start[results[row]])
-        yield Suggestion(recipe.ingredients, recipe.result, 1.0, part, (), step)
+        yield Suggestion(recipe, 1.0, part, (), step)
 
 
 def _likely_sets(
@@ -558,11 +521,11 @@ def _likely_sets(
     ranked.sort(key=lambda pair: -pair[0].score)
     candidates = []
     for ranked_set, goal in ranked:
-        labels = graph.labels(ranked_set.ingredients)
+        recipe = Recipe(graph.labels(ranked_set.ingredients), graph.entities[goal])
         step = _step(steps, ranked_set.ingredients)
-        is_new = _known(split, labels, graph.entities[goal]) == "new"
-        has_self = goal in ranked_set.ingredients and not graph.has_self_results
-        if is_new and not has_self and wish.takes(labels, step):
+        is_new = _known(split, recipe) == "new"
+        has_self = recipe.is_self_result and not graph.has_self_results
+        if is_new and not has_self and wish.takes(recipe.ingredients, step):
             candidates.append((ranked_set, goal, step))
     rows = varied(
         ((*ranked_set.ingredients, goal) for ranked_set, goal, _ in candidates), top, named
@@ -603,22 +566,6 @@ def _check_new(out: Path) -> None:
         raise OutputExistsError(f"'{out}' exists, and is not replaced. Choose another `out`.")
 
 
-def write_suggestions(suggestions: Sequence[Suggestion], out: Path) -> None:
-    """Write suggestions as a table with an empty column for ticks.
-
-    Args:
-        suggestions: recipes, in the order of the rows.
-        out: a .csv or .tsv file.
-
-    Raises:
-        RecipeFileError: if the ending is another.
-        OutputExistsError: if the file exists.
-    """
-    check_new_table(out)
-    delimiter = "," if out.suffix.lower() == ".csv" else "\t"
-    write_atomically(output_target(out), table_lines(suggestions, delimiter))
-
-
 def table_lines(suggestions: Sequence[Suggestion], delimiter: str = ",") -> Iterator[str]:
     """Yield the lines of a table of suggestions: a header, and a line for each.
 
@@ -626,14 +573,15 @@ def table_lines(suggestions: Sequence[Suggestion], delimiter: str = ",") -> Iter
         suggestions: recipes, in the order of the lines.
         delimiter: one character between cells.
     """
-    width = max((len(suggestion.ingredients) for suggestion in suggestions), default=2)
+    width = max((len(suggestion.recipe) - 1 for suggestion in suggestions), default=2)
     yield csv_line((*own_header(width), *COLUMNS), delimiter)
     for suggestion in suggestions:
-        empty = [""] * (width - len(suggestion.ingredients))
+        *ingredients, result = suggestion.recipe
+        empty = [""] * (width - len(ingredients))
         probability = f"{suggestion.probability:.3f}"
-        nearest_recipe = str(suggestion.because[0]) if suggestion.because else ""
+        nearest_recipe = str(suggestion.because[0][0]) if suggestion.because else ""
         further_cells = (probability, nearest_recipe, "")
-        cells = (*suggestion.ingredients, *empty, suggestion.result, *further_cells)
+        cells = (*ingredients, *empty, result, *further_cells)
         yield csv_line(cells, delimiter)
 
 

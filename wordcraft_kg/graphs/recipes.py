@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.base import Count, RecipeFileError, Record, counted, for_terminal, listed
-from wordcraft_kg.base.wording import case_key, grouped, spelling_key
+from wordcraft_kg.base.wording import grouped, spelling_key
 from wordcraft_kg.graphs.arrays import (
     Ids,
     frozen,
@@ -439,19 +439,6 @@ def alike_labels(labels: Iterable[str]) -> list[tuple[str, ...]]:
     :mod:`wordcraft_kg.base.wording`.
     """
     return grouped(labels, spelling_key)
-
-
-def case_variants(labels: Iterable[str]) -> list[tuple[str, ...]]:
-    """Return groups of labels that differ only in case, width or variation selectors.
-
-    Such labels are different entities, often by accident: a chat bot lists results as ``Lava`` and
-    ingredients as ``lava``, and half of the recipes are out of reach.
-
-    Example:
-        >>> case_variants(["Lava", "Stone", "lava"])
-        [('Lava', 'lava')]
-    """
-    return grouped(labels, case_key)
 
 
 def shown(value: Any) -> str:

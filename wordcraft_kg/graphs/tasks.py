@@ -32,8 +32,6 @@ Rows = tuple[int, ...]
 """A plan: rows in ``graph.sets`` in order of execution."""
 TaskPart = Literal["all", "train", "valid", "test"]
 """Part of a split that tasks belong to; all: whatever recipes their plans use."""
-TaskWeighting = Literal["task", "goal"]
-"""Sampling: all tasks alike, or goals alike and then the tasks of a goal alike."""
 
 
 @dataclass(frozen=True)
@@ -149,17 +147,6 @@ class TaskSet:
             final.append(sorted({pair_of[plan[-1]] for plan in plans}))
         return frozen(padded(final, -1))
 
-    def weights(self, weighting: TaskWeighting = "task") -> NDArray[np.float64]:
-        """Return sampling probabilities, shape (N,), that sum to 1.
-
-        Args:
-            weighting: uniform over tasks, or over goals and then over the tasks of a goal.
-        """
-        if weighting == "task":
-            return np.full(len(self), 1 / max(len(self), 1))
-        _, goal, tasks_of_goal = np.unique(self.goals, return_inverse=True, return_counts=True)
-        return 1 / (len(tasks_of_goal) * tasks_of_goal[goal])
-
 
 # --- search for tasks and plans ------------------------------------------------------------------
 
@@ -186,7 +173,7 @@ _Way = frozenset[int]
 
 
 class SolutionSearch:
-    """Backward search from a goal for all shortest plans; the oracle for tasks and shortcuts.
+    """Backward search from a goal for all shortest plans; the oracle for tasks.
 
     The search is exact and takes time exponential in the number of attempts, which
     :data:`MAX_DEPTH` limits. Python lists and sets, not arrays: a search looks at few recipes,
@@ -388,13 +375,12 @@ class SolutionSearch:
 
 
 @stage("finding tasks")
-def make_tasks(  # noqa: PLR0913 - all that decides a set of tasks, with defaults
+def make_tasks(
     graph: RecipeGraph,
     depth: int = 1,
     split: Split | None = None,
     part: TaskPart = "all",
     *,
-    weighting: TaskWeighting = "task",
     limit: int = DRAWN_TASKS,
     seed: int = 0,
     search: SolutionSearch | None = None,
@@ -416,7 +402,6 @@ def make_tasks(  # noqa: PLR0913 - all that decides a set of tasks, with default
         depth: attempts that a task takes, 1 to :data:`MAX_DEPTH`.
         split: defines the parts; required for any part but ``all``.
         part: ``all``, ``train``, ``valid`` or ``test``.
-        weighting: draw a task's last recipe among all recipes (task), or by goal first (goal).
         limit: largest size of a random set.
         seed: random seed of a random set.
         search: an existing search for the graph; None makes one by the recipes that the part knows.
@@ -456,7 +441,7 @@ def make_tasks(  # noqa: PLR0913 - all that decides a set of tasks, with default
         tasks = _with_share(every_task, depth, twice_share, np.random.default_rng(seed))
         is_complete = len(tasks) == len(every_task)
     else:
-        tasks = _drawn(accept, weighting, seed, limit, twice_share)
+        tasks = _drawn(accept, seed, limit, twice_share)
     if not tasks:
         suffix = f" in the {part} part ({len(accept.mixed)} belong to no part)"
         part_note = "" if part == "all" else suffix
@@ -581,21 +566,18 @@ def _subsets(items: Sequence[int]) -> Iterator[Rows]:
 def _drawn_candidates(
     search: SolutionSearch,
     depth: int,
-    weighting: TaskWeighting,
     rng: np.random.Generator,
 ) -> Iterator[_Candidate | None]:
     """Yield goals and leaves of plans, drawn backwards, without end; None for a draw of no plan.
 
-    The last step is a random usable recipe (with weighting by goal, a random recipe of a random
-    goal). Then, ``depth - 1`` times, a random leaf with recipes is replaced by a random recipe's
-    ingredients. Draws outside the depth and part, and repeated draws, do not count. So task t is
-    drawn first with probability
+    The last step is a random usable recipe. Then, ``depth - 1`` times, a random leaf with recipes
+    is replaced by a random recipe's ingredients. Draws outside the depth and part, and repeated
+    draws, do not count. So task t is drawn first with probability
 
     ``P(t) = W(t) / sum_t' W(t')``,
     ``W(t) = sum over the ways to build t of q * prod_i 1 / (l_i * r_i)``
 
-    where q is the probability of the last step (1 / number of allowed recipes; or 1 / number of
-    goals / number of the goal's recipes), l_i the number of leaves with recipes at the i-th
+    where q is 1 / number of allowed recipes, l_i the number of leaves with recipes at the i-th
     replacement, and r_i the number of recipes for the replaced leaf.
     """
     rows = [search.rows[row] for row in np.flatnonzero(search.usable).tolist()]
@@ -605,12 +587,7 @@ def _drawn_candidates(
     for goal in goals:
         last_steps += [(goal, ingredients) for _, ingredients in search.recipes_of[goal]]
     while last_steps:
-        if weighting == "task":
-            goal, ingredients = last_steps[rng.integers(len(last_steps))]
-        else:
-            goal = goals[rng.integers(len(goals))]
-            recipes = search.recipes_of[goal]
-            _, ingredients = recipes[rng.integers(len(recipes))]
+        goal, ingredients = last_steps[rng.integers(len(last_steps))]
         leaves = _drawn_leaves(search, goal, ingredients, depth, rng)
         yield None if leaves is None else (goal, tuple(sorted(leaves)))
 
@@ -642,7 +619,6 @@ def _drawn_leaves(
 
 def _drawn(
     accept: _Filter,
-    weighting: TaskWeighting,
     seed: int,
     limit: int,
     share: float | None,
@@ -659,7 +635,7 @@ def _drawn(
     if share is not None:
         room[True] = round(limit * share)
         room[False] = limit - room[True]
-    candidates = _drawn_candidates(accept.search, accept.depth, weighting, rng)
+    candidates = _drawn_candidates(accept.search, accept.depth, rng)
     # Most draws of a deep task fail, and a small part has few tasks: stop after many failures.
     while len(tasks) < limit and tries < _TRIES:
         tries += 1

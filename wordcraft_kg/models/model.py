@@ -74,20 +74,10 @@ class Model:
         return self.history.metrics
 
     @property
-    def trace(self) -> Sequence[Any]:
-        """A record per epoch, with ``epoch`` and ``loss``."""
-        return self.history.trace
-
-    @property
     def settings(self) -> dict[str, Any]:
         """All training settings by name, without the graph and None values."""
         values = self.history.config.values()
         return {name: value for name, value in values.items() if name != "graph"}
-
-    @property
-    def made_by_other_books(self) -> frozenset[str] | None:
-        """Labels that another book in the training makes, or None, see :class:`History`."""
-        return self.history.made_by_other_books
 
     @property
     def kg(self) -> TrainedOn:

@@ -24,7 +24,6 @@ candidates would be on.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -61,7 +60,7 @@ AT_ONCE = -3.0
 A task has as many attempts as it needs, so that only a distractor can open so short a plan.
 """
 NO_PLAN = -30.0
-"""Log-probability of pairs without a plan."""
+"""Log-probability of pairs without a plan: the least, so that products are finite."""
 FEATURES = (
     "value",
     "goal",
@@ -103,20 +102,6 @@ _BYTES = 200
 """Bytes for each recipe of a state, about, while it is scored."""
 
 
-class _Plans(NamedTuple):
-    """Plans from B tables with A slots: log-probabilities of their steps.
-
-    Attributes:
-        candidates: shape (B, W), int64: intermediates x; E where there are fewer.
-        to_goal: shape (B, S, S): a pair makes the goal.
-        to_candidates: shape (B, W, S, S), or (B, W, A, A) for two attempts: a pair makes x.
-    """
-
-    candidates: Tensor
-    to_goal: Tensor
-    to_candidates: Tensor
-
-
 @dataclass(frozen=True, eq=False)
 class PlanSearch:
     """Values of pairs by the most probable plan.
@@ -142,7 +127,7 @@ class PlanSearch:
         table: Tensor,
         model: Tensor,
         attempts_left: Tensor,
-        tried: Tensor | None = None,
+        tried: Tensor,
     ) -> Tensor:
         """Return log Q for all pairs of slots.
 
@@ -151,8 +136,7 @@ class PlanSearch:
             table: shape (B, A), int64; E for empty slots.
             model: shape (B,), int64: number of the model, 0 for all folds, k + 1 without fold k.
             attempts_left: shape (B,), int64; more than :data:`MAX_ATTEMPTS` count as that many.
-            tried: shape (B, A, A), bool: pairs that were tried, which make nothing new. None if
-                unknown.
+            tried: shape (B, A, A), bool: pairs that were tried, which make nothing new.
 
         Returns:
             shape (B, A, A), nats, from :data:`NO_PLAN` to 0; -inf for empty slots.
@@ -163,8 +147,8 @@ class PlanSearch:
         slots = table.shape[1]
         values = torch.full((*table.shape, slots), -torch.inf, device=table.device)
         for number, rows in self._searches(attempts_left, slots):
-            past = None if tried is None else tried[rows]
-            result_values, _ = self._values(goal[rows], table[rows], model[rows], number, past)
+            part = goal[rows], table[rows], model[rows], number, tried[rows]
+            result_values, _ = self._values(*part)
             values[rows] = result_values.amax(1)
         is_empty = table == self.knowledge.num_entities
         has_empty = is_empty[:, :, None] | is_empty[:, None]
@@ -178,7 +162,7 @@ class PlanSearch:
         table: Tensor,
         model: Tensor,
         attempts_left: Tensor,
-        tried: Tensor | None = None,
+        tried: Tensor,
     ) -> Tensor:
         """Return the features of all pairs of slots, for weights learned from play.
 
@@ -187,7 +171,7 @@ class PlanSearch:
             table: shape (B, A), int64; E for empty slots.
             model: shape (B,), int64: number of the model, 0 for all folds, k + 1 without fold k.
             attempts_left: shape (B,), int64; more than :data:`MAX_ATTEMPTS` count as that many.
-            tried: shape (B, A, A), bool: pairs that were tried. None if unknown.
+            tried: shape (B, A, A), bool: pairs that were tried.
 
         Returns:
             shape (B, A, A, F), in the order of :data:`FEATURES`; those of empty slots mean nothing.
@@ -198,8 +182,8 @@ class PlanSearch:
         slots = table.shape[1]
         features = torch.zeros(*table.shape, slots, len(FEATURES), device=table.device)
         for number, rows in self._searches(attempts_left, slots):
-            past = None if tried is None else tried[rows]
-            features[rows] = self._features(goal[rows], table[rows], model[rows], number, past)
+            part = goal[rows], table[rows], model[rows], number, tried[rows]
+            features[rows] = self._features(*part)
         return features
 
     def _features(
@@ -208,7 +192,7 @@ class PlanSearch:
         table: Tensor,
         model: Tensor,
         number: int,
-        tried: Tensor | None,
+        tried: Tensor,
     ) -> Tensor:
         """Return :meth:`features` of states with equally many attempts left, ``number``."""
         slots = table.shape[1]
@@ -218,17 +202,16 @@ class PlanSearch:
             to_goal = self._log_probabilities(goal, table, model, tried)
             is_reused = _uses_again(tried, to_goal)
             features |= {
-                "value": _bounded(to_goal + is_reused * self.reused),
+                "value": (to_goal + is_reused * self.reused).clamp(min=NO_PLAN),
                 "first_known": (to_goal > _CERTAIN).float(),
                 "reused": is_reused,
             }
         else:
-            plans = self._plans(goal, table, model, number, tried)
-            value = self._values_of(plans, slots, number, tried).amax(1)
-            after = _after_candidates(plans.to_goal, plans.to_candidates, slots, number)
+            _, to_goal, to_candidates = self._plans(goal, table, model, number, tried)
+            value = self._values_of(to_goal, to_candidates, slots, number, tried).amax(1)
             features |= {
-                "value": _bounded(value),
-                **_features_of_plans(plans, after, slots, number),
+                "value": value.clamp(min=NO_PLAN),
+                **_features_of_plans(to_goal, to_candidates, slots, number),
             }
         zeros = torch.zeros_like(itself)
         return torch.stack([features.get(name, zeros) for name in FEATURES], dim=-1)
@@ -242,7 +225,7 @@ class PlanSearch:
         *,
         model: int,
         attempts_left: int,
-        tried: Tensor | None = None,
+        tried: Tensor,
     ) -> list[tuple[int, int, int, float]]:
         """Return the most probable plan from a pair of slots.
 
@@ -252,8 +235,8 @@ class PlanSearch:
             pair: slots of the first pair.
             model: number of the model: 0 for all folds, k + 1 without fold k.
             attempts_left: number of attempts left; at most :data:`MAX_ATTEMPTS` are planned.
-            tried: shape (1, A, A), bool: pairs that were tried. None if unknown. Results that the
-                plan puts on the table come after these A slots, and their pairs are untried.
+            tried: shape (1, A, A), bool: pairs that were tried. Results that the plan puts on the
+                table come after these A slots, and their pairs are untried.
 
         Returns:
             the attempts: two ingredients, the expected result, and its probability. Empty for a
@@ -262,8 +245,6 @@ class PlanSearch:
         steps: list[tuple[int, int, int, float]] = []
         slots = len(table)
         device = self.knowledge.bias.device
-        if tried is None:
-            tried = torch.zeros(1, slots, slots, dtype=torch.bool, device=device)
         has_form = attempts_left == 2 and not tried.any()
         tried = tried.clone()
         table = list(table)
@@ -349,7 +330,7 @@ class PlanSearch:
         table: Tensor,
         model: Tensor,
         number: int,
-        tried: Tensor | None,
+        tried: Tensor,
     ) -> tuple[Tensor, Tensor]:
         """Return values of pairs by the result that the plan expects of the pair.
 
@@ -358,7 +339,7 @@ class PlanSearch:
             table: shape (B, A), int64; E for empty slots.
             model: shape (B,), int64.
             number: attempts left, equal for all states.
-            tried: shape (B, A, A), bool, or None.
+            tried: shape (B, A, A), bool.
 
         Returns:
             log-probabilities of the best plans, shape (B, 1 + W, A, A), and the expected results,
@@ -369,29 +350,28 @@ class PlanSearch:
             to_goal = self._log_probabilities(goal, table, model, tried)
             reuse_bonus = _uses_again(tried, to_goal) * self.reused
             return (to_goal + reuse_bonus)[:, None], goal[:, None]
-        plans = self._plans(goal, table, model, number, tried)
-        results = torch.cat([goal[:, None], plans.candidates], dim=1)
-        return self._values_of(plans, slots, number, tried), results
+        candidates, to_goal, to_candidates = self._plans(goal, table, model, number, tried)
+        results = torch.cat([goal[:, None], candidates], dim=1)
+        return self._values_of(to_goal, to_candidates, slots, number, tried), results
 
     def _values_of(
         self,
-        plans: _Plans,
+        to_goal: Tensor,
+        to_candidates: Tensor,
         slots: int,
         number: int,
-        tried: Tensor | None,
+        tried: Tensor,
     ) -> Tensor:
         """Return :meth:`_values` of two attempts or more, shape (B, 1 + W, A, A)."""
-        at_once = plans.to_goal[:, None, :slots, :slots]
-        first = plans.to_candidates[:, :, :slots, :slots]
+        at_once = to_goal[:, None, :slots, :slots]
+        first = to_candidates[:, :, :slots, :slots]
         if number == 2:
             # After failures, plans for the rest of the attempts may have any form.
-            is_first = torch.ones(len(first), device=first.device)
-            if tried is not None:
-                is_first = (~tried.flatten(1).any(1)).float()
+            is_first = (~tried.flatten(1).any(1)).float()
             at_once = at_once + self.at_once * is_first[:, None, None, None]
-            after = self._second_attempt(plans.to_goal, slots, is_first[:, None])
+            after = self._second_attempt(to_goal, slots, is_first[:, None])
         else:
-            candidate_values = _after_candidates(plans.to_goal, plans.to_candidates, slots, number)
+            candidate_values = _after_candidates(to_goal, to_candidates, slots, number)
             after = candidate_values[:, :, None, None]
         return torch.cat([at_once, first + after - FURTHER], dim=1)
 
@@ -430,9 +410,16 @@ class PlanSearch:
         table: Tensor,
         model: Tensor,
         number: int,
-        tried: Tensor | None,
-    ) -> _Plans:
-        """Score the steps of all plans of two attempts or more; arguments of :meth:`_values`."""
+        tried: Tensor,
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Score the steps of all plans of two attempts or more; arguments of :meth:`_values`.
+
+        Returns:
+            The candidates x, shape (B, W), int64, E where there are fewer; and log-probabilities:
+            a pair makes the goal, shape (B, S, S), and a pair makes x, shape (B, W, S, S), or
+            (B, W, A, A) for two attempts; -inf where a candidate is missing, and for pairs without
+            a score.
+        """
         slots = table.shape[1]
         candidates = self.knowledge.intermediates(
             goal,
@@ -449,53 +436,28 @@ class PlanSearch:
         to_goal = self._log_probabilities(goal, wide, model, tried, num_partners=num_partners)
         sources = wide if number > 2 else table
         num_partners = slots if number == 3 else None
-        to_candidates = self._to_candidates(
-            candidates, sources, model, tried, num_partners=num_partners
-        )
-        return _Plans(candidates, to_goal, to_candidates)
-
-    def _to_candidates(
-        self,
-        candidates: Tensor,
-        sources: Tensor,
-        model: Tensor,
-        tried: Tensor | None,
-        *,
-        num_partners: int | None,
-    ) -> Tensor:
-        """Return the log-probability that pairs make each candidate.
-
-        Args:
-            candidates: shape (B, W), int64; E where there are fewer.
-            sources: shape (B, S), int64: entities of the pairs, those on the table first.
-            model: shape (B,), int64.
-            tried: shape (B, A, A), bool, or None.
-            num_partners: as in :meth:`_log_probabilities`.
-
-        Returns:
-            shape (B, W, S, S); -inf where a candidate is missing, and for pairs without a score.
-        """
-        number, width = candidates.shape
         # Each state W times, with one candidate as the goal each.
-        rows = torch.arange(number, device=candidates.device).repeat_interleave(width)
-        values = self._log_probabilities(
+        num_states, width = candidates.shape
+        rows = torch.arange(num_states, device=candidates.device).repeat_interleave(width)
+        to_candidates = self._log_probabilities(
             candidates.flatten(),
             sources[rows],
             model[rows],
-            None if tried is None else tried[rows],
+            tried[rows],
             num_partners=num_partners,
             prior=INTERMEDIATE,
         )
-        values = values.view(number, width, *values.shape[1:])
+        to_candidates = to_candidates.view(num_states, width, *to_candidates.shape[1:])
         is_missing = candidates == self.knowledge.num_entities
-        return values.masked_fill(is_missing[:, :, None, None], -torch.inf)
+        to_candidates = to_candidates.masked_fill(is_missing[:, :, None, None], -torch.inf)
+        return candidates, to_goal, to_candidates
 
     def _log_probabilities(
         self,
         goal: Tensor,
         table: Tensor,
         model: Tensor,
-        tried: Tensor | None,
+        tried: Tensor,
         *,
         num_partners: int | None = None,
         prior: float = 0.0,
@@ -506,7 +468,7 @@ class PlanSearch:
             goal: shape (B,), int64.
             table: shape (B, S), int64; E for empty slots.
             model: shape (B,), int64.
-            tried: shape (B, A, A), bool, for the first A slots; None if unknown.
+            tried: shape (B, A, A), bool, for the first A slots.
             num_partners: slots from this one on are not combined with each other. None for all
                 pairs.
             prior: log-odds added to each pair.
@@ -531,57 +493,51 @@ class PlanSearch:
         is_empty = table == self.knowledge.num_entities
         has_empty = is_empty[:, :, None] | is_empty[:, None]
         values.masked_fill_(has_empty, -torch.inf)
-        if tried is not None:
-            known_slots = tried.shape[1]
-            tried_values = values[:, :known_slots, :known_slots]
-            tried_values.masked_fill_(tried, -torch.inf)
+        known_slots = tried.shape[1]
+        tried_values = values[:, :known_slots, :known_slots]
+        tried_values.masked_fill_(tried, -torch.inf)
         return values
 
 
-def _uses_again(tried: Tensor | None, to_goal: Tensor) -> Tensor:
+def _uses_again(tried: Tensor, to_goal: Tensor) -> Tensor:
     """Return whether a second pair has an ingredient of the first, shape (B, S, S), 0 or 1.
 
     So a plan is carried on: after an attempt with the result that the plan expects, its second
     attempt is still the best one. After several attempts nobody knows which of them was the plan's.
 
     Args:
-        tried: shape (B, A, A), bool: pairs that were tried, for the first A slots; None if unknown.
+        tried: shape (B, A, A), bool: pairs that were tried, for the first A slots.
         to_goal: shape (B, S, S).
     """
-    if tried is None:
-        return torch.zeros_like(to_goal)
     is_second = tried.triu().sum((1, 2)) == 1
     is_reused = tried.any(2) & is_second[:, None]
     was_used = nn.functional.pad(is_reused, (0, to_goal.shape[1] - tried.shape[1]))
     return (was_used[:, :, None] | was_used[:, None]).float()
 
 
-def _bounded(log_probabilities: Tensor) -> Tensor:
-    """Lift log-probabilities to :data:`NO_PLAN` at least, so that products are finite."""
-    return log_probabilities.clamp(min=NO_PLAN)
-
-
-def _features_of_plans(plans: _Plans, after: Tensor, slots: int, number: int) -> dict[str, Tensor]:
+def _features_of_plans(
+    to_goal: Tensor, to_candidates: Tensor, slots: int, number: int
+) -> dict[str, Tensor]:
     """Return the features of pairs that depend on their plans, shape (B, A, A) each.
 
     Args:
-        plans: the steps of all plans.
-        after: log-probability of the best plan after making each candidate, shape (B, W).
+        to_goal: as :meth:`PlanSearch._plans` returns it.
+        to_candidates: likewise.
         slots: A.
         number: attempts left, 2 or more.
     """
-    goal = plans.to_goal[:, :slots, :slots]
-    first = plans.to_candidates[:, :, :slots, :slots]
-    last_step = after
+    goal = to_goal[:, :slots, :slots]
+    first = to_candidates[:, :, :slots, :slots]
+    last_step = _after_candidates(to_goal, to_candidates, slots, number)
     if number == 2:
         # Only plans that use x: without it, the first attempt would be wasted.
-        last = plans.to_goal[:, slots:]
+        last = to_goal[:, slots:]
         table_values, partner = last[:, :, :slots].max(2)
         with_itself = last[:, :, slots:].diagonal(dim1=1, dim2=2)
         last_step = torch.maximum(table_values, with_itself)
-    first = _bounded(first)
-    last_step = _bounded(last_step)
-    by_candidate = _bounded(first + last_step[:, :, None, None])
+    first = first.clamp(min=NO_PLAN)
+    last_step = last_step.clamp(min=NO_PLAN)
+    by_candidate = (first + last_step[:, :, None, None]).clamp(min=NO_PLAN)
     best, place = by_candidate.max(1)
 
     def of_best(values: Tensor) -> Tensor:
@@ -594,13 +550,13 @@ def _features_of_plans(plans: _Plans, after: Tensor, slots: int, number: int) ->
     if by_candidate.shape[1] > 1:
         second = by_candidate.topk(2, dim=1).values[:, 1]
     features = {
-        "goal": _bounded(goal),
+        "goal": goal.clamp(min=NO_PLAN),
         "plan": best,
         "first": best_first.masked_fill(best_first > _CERTAIN, 0),
         "rest": best_rest.masked_fill(best_rest > _CERTAIN, 0),
         "plans": torch.logsumexp(by_candidate, dim=1),
         "second_plan": second,
-        "results": torch.logsumexp(_bounded(first - INTERMEDIATE), dim=1),
+        "results": torch.logsumexp((first - INTERMEDIATE).clamp(min=NO_PLAN), dim=1),
         "first_known": (best_first > _CERTAIN).float(),
         "rest_known": (best_rest > _CERTAIN).float(),
         "known_results": (first > _CERTAIN).sum(1).clamp(max=_MOST_KNOWN).float(),

@@ -325,9 +325,9 @@ class BestPlan(BestRecipe):
         state = self._searched(states, model)
         if "weights" not in self._buffers:
             return self.search.values(*state)
+        *_, attempts_left, _ = state
         is_empty = states.table == self.num_entities
-        features = self.search.features(*state)
-        return log_shares(features, self.weights, _attempts_of(states).left, is_empty)
+        return log_shares(self.search.features(*state), self.weights, attempts_left, is_empty)
 
     def features(self, states: States) -> Tensor:
         """Return the features of all slot pairs, before :attr:`weights`.
@@ -348,7 +348,7 @@ class BestPlan(BestRecipe):
 
     def _searched(
         self, states: States, model: Tensor
-    ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor | None]:
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
         """Return the arguments of the search: goal, table, model, attempts left and tried pairs.
 
         Args:
@@ -362,11 +362,11 @@ class BestPlan(BestRecipe):
         tried = self._tried(states.table, attempts)
         return states.goal, states.table, model, attempts.left, tried
 
-    def _tried(self, table: Tensor, attempts: Attempts) -> Tensor | None:
-        """Return a mask of the tried slot pairs, shape (B, A, A); None if unknown."""
+    def _tried(self, table: Tensor, attempts: Attempts) -> Tensor:
+        """Return a mask of the tried slot pairs, shape (B, A, A); of none if they are unknown."""
         pairs = attempts.tried
         if pairs is None:
-            return None
+            return table.new_zeros(*table.shape, table.shape[1], dtype=torch.bool)
         # (B, A, 1, n): whether a slot holds the first, and the second, entity of each tried pair.
         slots = table[:, :, None, None]
         holds_first = slots == pairs[:, None, None, :, 0]
@@ -396,9 +396,7 @@ class BestPlan(BestRecipe):
 
     def evidence(self, states: States) -> tuple[Evidence | None, ...]:  # noqa: D102 - inherited
         evidence = super().evidence(states)
-        attempts = states.attempts
-        if attempts is None:
-            return evidence
+        attempts = _attempts_of(states)
         model = int(self.model_of(states))
         entities = states.table[0].tolist()
         # Each entity once, without empty slots, with a selection that is not on the table.

@@ -1,14 +1,10 @@
 """The agent report: evaluation results for all agents, with charts.
 
-Charts are curves of success, statistics and mixing weights, and bars of score sources.
+Charts are curves of success, statistics and mixing weights, and success by kind of task.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
-from markupsafe import Markup
-
-from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
 from wordcraft_kg.evaluation.agent_metrics import (
     OTHER_BOOK,
     CurvePoint,
@@ -18,10 +14,8 @@ from wordcraft_kg.evaluation.agent_metrics import (
     TrainingMetric,
 )
 from wordcraft_kg.evaluation.agents import AgentsView, by_success
-from wordcraft_kg.evaluation.scores import BECAUSE, main_support, strength
-from wordcraft_kg.models.policies.sources import ALPHA, Label, label_of, source_names
+from wordcraft_kg.models.policies.sources import ALPHA, label_of, source_names
 from wordcraft_kg.reports import charts
-from wordcraft_kg.reports.charts import element
 from wordcraft_kg.reports.pages import Report
 
 METRICS: dict[TrainingMetric, str] = {
@@ -33,12 +27,6 @@ METRICS: dict[TrainingMetric, str] = {
     "entropy": "entropy of the policy, nats",
     "grad_norm": "gradient norm",
 }
-
-
-def source_colours() -> dict[str, int]:
-    """Return the colour number for each score source, by name."""
-    names = (ALPHA.name, *source_names())
-    return {name: number for number, name in enumerate(names)}
 
 
 def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]]) -> charts.Chart:
@@ -60,11 +48,11 @@ def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]])
 
 def picture_of_lambdas(agent: str, lambdas: Sequence[LambdaCurve]) -> charts.Chart:
     """Draw an agent's mixing weights (λ for each score source) over training."""
-    colour_of_source = source_colours()
+    names = (ALPHA.name, *source_names())
     drawn = []
     for curve in lambdas:
         label = f"{label_of(curve.source).coefficient} {curve.action}"
-        colour = colour_of_source[curve.source]
+        colour = names.index(curve.source)
         # Both actions of a source share its colour; dashes tell them apart.
         is_second = curve.action == "second"
         drawn.append(charts.ChartCurve(label, _without_interval(curve.points), colour, is_second))
@@ -107,84 +95,6 @@ def pictures_of_metrics(
     return pictures
 
 
-def contribution_bar(
-    contributions: Mapping[str, float],
-    scale: float,
-    colours: Mapping[str, int],
-) -> Markup:
-    """Draw terms of a sum as a bar.
-
-    Positive terms are stacked to the right of the middle, negative terms to the left.
-
-    Args:
-        contributions: terms by name.
-        scale: value for half the width.
-        colours: colour number by name.
-
-    Returns:
-        The bar as SVG.
-    """
-    half = 70.0
-    height = 12
-    # The next term of each sign begins where the last one ended, at first in the middle.
-    right = half
-    last_left = half
-    terms = []
-    for name, value in contributions.items():
-        # A scale of 0 means that all terms are 0.
-        share = min(abs(value) / scale, 1) if scale else 0.0
-        width = share * half
-        if value >= 0:
-            start = right
-            right += width
-        else:
-            last_left -= width
-            start = last_left
-        term = element(
-            "rect",
-            element("title", f"{name}: {value:.2f}"),
-            x=f"{start:.1f}",
-            y=1,
-            width=f"{width:.1f}",
-            height=height - 2,
-            class_=f"series-{colours[name]}",
-        )
-        terms.append(term)
-    # The middle, drawn last and so above the terms.
-    middle = element("line", x1=f"{half:g}", x2=f"{half:g}", y1=0, y2=height, class_="grid")
-    box = f"0 0 {2 * half:g} {height}"
-    return element("svg", *terms, middle, class_="bar", viewBox=box, aria_hidden="true")
-
-
-def column_labels(step: ExplainedStep) -> list[Label]:
-    """Return the labels of the score sources in an explained action, in the columns' order."""
-    return [label_of(name) for name in step.slots[0].sources]
-
-
-def slot_rows(step: ExplainedStep) -> list[tuple[ExplainedSlot, Markup]]:
-    """Return an action's slots by descending logit, each with a bar of its sources' shares."""
-    # One scale for all slots: the longest side of any bar fills half the width.
-    sides = []
-    for slot in step.slots:
-        values = slot.contributions.values()
-        sides.append(sum(value for value in values if value > 0))
-        sides.append(sum(-value for value in values if value <= 0))
-    scale = max(sides)
-    colours = source_colours()
-    by_logit = sorted(step.slots, key=lambda slot: slot.logit, reverse=True)
-    return [(slot, contribution_bar(slot.contributions, scale, colours)) for slot in by_logit]
-
-
-ACTIONS: dict[str, Any] = {
-    "colours": source_colours,
-    "column_labels": column_labels,
-    "label_of": label_of,
-    "slot_rows": slot_rows,
-    "main_support": main_support,
-    "strength": strength,
-    "because": BECAUSE,
-}
-
 # With fewer seeds, Student's interval over seeds is so wide that the page says so.
 _MIN_SEEDS = 5
 _SLICES: dict[Slice, tuple[str, str]] = {
@@ -218,8 +128,7 @@ def make_agent_report(view: AgentsView) -> Report[AgentsView]:
             "min_seeds": _MIN_SEEDS,
             "slice_titles": {key: title for key, (title, _) in _SLICES.items()},
             "ranked": by_success(view, view.headline),
-            "colours": source_colours(),
-            "actions": ACTIONS,
+            "sources": source_names(),
         },
         files={
             "figure.svg": charts.as_file([("", success)], "Success"),
@@ -242,9 +151,9 @@ def _success(view: AgentsView) -> charts.Chart:
     if first:
         # The first agent's success is the line that all others are compared with.
         reference = first.mean
-    for player in view.baselines:
-        success_of_player = player.success[headline]
-        rows.append((player.name, (success_of_player, None, None)))
+    for baseline in view.baselines:
+        if baseline.distractors == view.headline:
+            rows.append((baseline.player, (baseline.success, None, None)))
     return charts.intervals(
         rows,
         f"success on {view.part} tasks, with 95 % intervals",

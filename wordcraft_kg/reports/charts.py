@@ -67,30 +67,6 @@ def dark_rules() -> str:
     return "\n".join(rules)
 
 
-def element(name: str, /, *inside: object, **attributes: object) -> Markup:
-    """Return an element of SVG.
-
-    Args:
-        name: name of the element.
-        inside: texts and elements in it; texts are escaped, elements (Markup) are not. Without
-            any, the element is a single tag.
-        attributes: values by name, in the order of the tag. A name's underscores stand for
-            hyphens, and the one in ``class_`` for nothing.
-
-    Example:
-        >>> print(element("text", "a < b", text_anchor="end", class_="small"))
-        <text text-anchor="end" class="small">a &lt; b</text>
-    """
-    opening = "<" + name
-    for key, value in attributes.items():
-        attribute = key.rstrip("_").replace("_", "-")
-        opening += f' {attribute}="{for_html(value)}"'
-    if not inside:
-        return Markup(opening + "/>")
-    content = "".join(map(for_html, inside))
-    return Markup(f"{opening}>{content}</{name}>")
-
-
 WIDTH = 460
 HEIGHT = 250
 """Size of a chart in points, which are pixels in SVG; pages scale it."""
@@ -170,15 +146,10 @@ class Chart:
         with _drawing():
             figure = self.figure()
             content = _content_of(figure)
-        return element(
-            "svg",
-            content,
-            viewBox=f"0 0 {WIDTH} {self.height}",
-            class_="chart",
-            role="img",
-            aria_label=self.description,
-            stroke_linejoin="round",
-        )
+        return Markup(
+            '<svg viewBox="0 0 {} {}" class="chart" role="img" aria-label="{}" '
+            'stroke-linejoin="round">{}</svg>'
+        ).format(WIDTH, self.height, for_html(self.description), content)
 
 
 def figure_of(panels: Sequence[tuple[str, Chart]], title: str = "") -> "Figure":
@@ -216,23 +187,15 @@ def as_file(panels: Sequence[tuple[str, Chart]], title: str) -> str:
         content = _content_of(figure)
     width, height = (round(inches * _POINTS) for inches in figure.get_size_inches())
     dark = Markup(f"@media screen and (prefers-color-scheme: dark) {{\n{dark_rules()}\n}}")
-    page = element("rect", width=width, height=height, fill=LIGHT["page"])
-    svg = element(
-        "svg",
-        element("title", title),
-        element("style", dark),
-        page,
-        content,
-        xmlns="http://www.w3.org/2000/svg",
-        viewBox=f"0 0 {width} {height}",
-        width=width,
-        height=height,
-        class_="chart",
-        role="img",
-        font_family="Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif",
-        stroke_linejoin="round",
+    svg = Markup(
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" '
+        'height="{height}" class="chart" role="img" font-family="Helvetica, Arial, '
+        '&#39;Liberation Sans&#39;, &#39;DejaVu Sans&#39;, sans-serif" stroke-linejoin="round">'
+        "<title>{title}</title><style>{dark}</style>"
+        '<rect width="{width}" height="{height}" fill="{page}"/>{content}</svg>\n'
     )
-    return f"{svg}\n"
+    values = {"title": for_html(title), "dark": dark, "page": LIGHT["page"], "content": content}
+    return str(svg.format(width=width, height=height, **values))
 
 
 @contextmanager
@@ -294,8 +257,6 @@ Estimate = tuple[float, float | None, float | None]
 """A value with the lower and the upper bound of its interval; None for both without an interval."""
 ReliabilityPoint = tuple[float, float, float, float, int]
 """Probability, observed share, lower and upper bound of the share, and number of triples."""
-_DASHES = ("-", "--", ":")
-"""Patterns of lines by series; with eight colours, 24 series look different."""
 _MARKERS = "os^D"
 """Shapes of markers by series."""
 _MARKER_SIZE = 7
@@ -320,20 +281,13 @@ class ChartCurve:
         label: name in the legend; empty for one of several curves of which another has the label.
         points: its points, from left to right.
         number: number of its colour, so that the same thing has the same colour in several charts.
-        is_dashed: whether its line is dashed; None gives each colour a pattern of its own.
+        is_dashed: whether its line is dashed.
     """
 
     label: str
     points: Sequence[CurvePoint]
     number: int
-    is_dashed: bool | None = None
-
-    @property
-    def dashes(self) -> str:
-        """The pattern of the line."""
-        if self.is_dashed is None:
-            return _DASHES[self.number % len(_DASHES)]
-        return "--" if self.is_dashed else "-"
+    is_dashed: bool = False
 
 
 def curves(
@@ -368,7 +322,8 @@ def curves(
             xs, ys, lows, highs = np.array(curve.points, dtype=float).reshape(-1, 4).T
             colour = _colour(curve.number)
             axes.fill_between(xs, lows, highs, facecolor=colour, alpha=0.16, edgecolor="none")
-            (line,) = axes.plot(xs, ys, color=colour, linestyle=curve.dashes, linewidth=width)
+            dashes = "--" if curve.is_dashed else "-"
+            (line,) = axes.plot(xs, ys, color=colour, linestyle=dashes, linewidth=width)
             if len(curve.points) == 1:
                 x, y, low, high = curve.points[0]
                 _draw_estimate(axes, (x, None, None), (y, low, high), curve.number, "o")

@@ -2,13 +2,10 @@
 
 from typing import TYPE_CHECKING
 
-from wordcraft_kg.evaluation.links import (
-    FEW_TEST_RECIPES,
-    LinkView,
-    has_few_test_recipes,
-)
+from wordcraft_kg.evaluation.links import FEW_TEST_RECIPES, LinkView
 from wordcraft_kg.evaluation.ranked_links import LinkComparison, by_mrr
 from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM
 from wordcraft_kg.models.scorers.ranking import RankingMetrics
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.pages import GLOSSARY, Report, render_page
@@ -29,29 +26,19 @@ def make_link_report(view: LinkView, ranks: "pd.DataFrame | None" = None) -> Rep
     Returns:
         The report, for :func:`~wordcraft_kg.reports.pages.write_report`.
     """
-    files = {}
-    if ranks is not None:
-        files["ranks.csv"] = ranks.to_csv(index=False, lineterminator="\n", float_format="%.6g")
-    return Report(
-        view,
-        "link_report.html.j2",
-        {
-            **_pictures_of_ranks(view),
-            **_pictures_of_probabilities(view),
-            **_pictures_of_training(view),
-        },
-        shown={
-            "relations": RELATIONS,
-            "few": FEW_TEST_RECIPES,
-            "few_test_recipes": has_few_test_recipes(view),
-        },
-        files=files,
-    )
-
-
-def _pictures_of_probabilities(view: LinkView) -> dict[str, charts.Chart]:
-    if not view.probabilities:
-        return {}
+    rows = [_interval_row(view.model.name, view.metrics["all"])]
+    # The order of the comparisons: the best baseline stands next to the model.
+    for comparison in view.comparisons:
+        name = GLOSSARY[comparison.baseline].name
+        rows.append(_interval_row(name, view.baselines[comparison.baseline]["all"]))
+    pictures = {
+        "baselines": charts.intervals(
+            rows,
+            "filtered MRR, with 95 % intervals",
+            "Filtered MRR of the model and of each baseline",
+            reference=view.metrics["all"].mrr,
+        )
+    }
     series = {}
     for row in view.probabilities:
         # With a reason, all triples have one probability, which is a point and no curve.
@@ -61,24 +48,23 @@ def _pictures_of_probabilities(view: LinkView) -> dict[str, charts.Chart]:
         series[f"{row.relation}{kind}"] = [
             (at.probability, at.observed, at.low, at.high, at.triples) for at in row.bins
         ]
-    about = "Share of true triples against their probability"
-    return {"probabilities": charts.log_reliability(series, about)}
-
-
-def _pictures_of_ranks(view: LinkView) -> dict[str, charts.Chart]:
-    rows = [_interval_row(view.model.name, view.metrics["all"])]
-    # The order of the comparisons: the best baseline stands next to the model.
-    for row in view.comparisons:
-        name = GLOSSARY[row.baseline].name
-        rows.append(_interval_row(name, view.baselines[row.baseline]["all"]))
-    return {
-        "baselines": charts.intervals(
-            rows,
-            "filtered MRR, with 95 % intervals",
-            "Filtered MRR of the model and of each baseline",
-            reference=view.metrics["all"].mrr,
-        )
-    }
+    if view.probabilities:
+        about = "Share of true triples against their probability"
+        pictures["probabilities"] = charts.log_reliability(series, about)
+    files = {}
+    if ranks is not None:
+        files["ranks.csv"] = ranks.to_csv(index=False, lineterminator="\n", float_format="%.6g")
+    return Report(
+        view,
+        "link_report.html.j2",
+        pictures,
+        shown={
+            "relations": RELATIONS,
+            "few": FEW_TEST_RECIPES,
+            "near_synonym": NEAR_SYNONYM,
+        },
+        files=files,
+    )
 
 
 def _interval_row(name: str, metrics: RankingMetrics) -> tuple[str, charts.Estimate]:
@@ -86,35 +72,12 @@ def _interval_row(name: str, metrics: RankingMetrics) -> tuple[str, charts.Estim
     return name, (metrics.mrr or 0.0, low, high)
 
 
-def _pictures_of_training(view: LinkView) -> dict[str, charts.Chart]:
-    loss = [(row.epoch, row.loss, None, None) for row in view.trace]
-    pictures = {}
-    if loss:
-        pictures["loss"] = charts.curves(
-            [charts.ChartCurve("loss", loss, 0)], "epoch", "training loss", "Training loss by epoch"
-        )
-    return pictures
-
-
 def comparison_page(view: LinkComparison) -> str:
     """Render a comparison of link predictors as an HTML page: MRR, and differences to the first."""
-    # The first model has no difference to itself and is drawn at 0, the line of the others.
-    differences_of = []
     ranked = by_mrr(view)
-    for model in ranked:
-        low, high = model.difference_ci or (None, None)
-        differences_of.append((model.name, (model.difference or 0.0, low, high)))
     mrr = charts.intervals(
         [_interval_row(model.name, model) for model in ranked],
         f"filtered MRR, 95 % over {view.unit}",
         "MRR of each model with its interval",
     )
-    differences = charts.intervals(
-        differences_of,
-        f"difference of MRR to {view.models[0].name}, paired",
-        f"Difference of each model's MRR to that of {view.models[0].name} with its interval",
-        reference=0.0,
-    )
-    return render_page(
-        "link_comparison.html.j2", report=view, ranked=ranked, mrr=mrr, differences=differences
-    )
+    return render_page("link_comparison.html.j2", report=view, ranked=ranked, mrr=mrr)

@@ -26,7 +26,7 @@ from wordcraft_kg.base import (
     write_atomically,
 )
 from wordcraft_kg.models.policies.sources import ALPHA, BUILT_IN, Label, label_of, with_letters
-from wordcraft_kg.reports.charts import COLOURS, DARK, LIGHT, Chart
+from wordcraft_kg.reports.charts import DARK, LIGHT, Chart
 from wordcraft_kg.runs.record import RUN_FILE
 from wordcraft_kg.runs.run_folder import locked
 
@@ -60,8 +60,9 @@ def _term(label: Label) -> Term:
     return Term("Agents", label.words, meaning, label.symbol)
 
 
-_FILE = Path(__file__).with_name("glossary.toml")
-_TERMS: dict[Any, dict[str, list[str]]] = tomllib.loads(_FILE.read_text("utf-8"))
+_TERMS: dict[Any, dict[str, list[str]]] = tomllib.loads(
+    Path(__file__).with_name("glossary.toml").read_text("utf-8")
+)
 # Score sources define their own words, so that a term and a column never differ.
 GLOSSARY = {label.name: _term(label) for label in (ALPHA, *BUILT_IN.values())}
 for _topic, _terms in _TERMS.items():
@@ -151,7 +152,7 @@ def make_environment(*packages: str) -> jinja2.Environment:
         # A misspelt name in a template is an error, and not an empty place on the page.
         undefined=jinja2.StrictUndefined,
     )
-    environment.globals["palette"] = {"LIGHT": LIGHT, "DARK": DARK, "COLOURS": COLOURS}
+    environment.globals["palette"] = {"LIGHT": LIGHT, "DARK": DARK}
     environment.filters["thousands"] = lambda number: f"{number:,}"
     return environment
 

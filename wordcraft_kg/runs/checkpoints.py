@@ -29,7 +29,6 @@ from wordcraft_kg.base import (
     reason,
     write_atomically,
 )
-from wordcraft_kg.base.artefacts import is_locked
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -174,11 +173,11 @@ class Checkpoints(Generic[P]):
             return checkpoint
         if damaged:
             raise ArtefactError(
-                f"all checkpoints of '{self.run_folder}' are damaged: {damaged[0]} Train again."
+                f"all checkpoints of '{self.run_folder}' are damaged, or another version of "
+                f"wordcraft-kg wrote them: {damaged[0]} Train again."
             )
-        state = "is still running, and " if is_locked(self.run_folder) else ""
         raise ArtefactError(
-            f"'{self.run_folder}' {state}has no checkpoint yet. Wait, or train again with `force`."
+            f"'{self.run_folder}' has no checkpoint yet. Wait, or train again with `force`."
         )
 
     def drop(self) -> None:

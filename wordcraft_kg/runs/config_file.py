@@ -62,19 +62,49 @@ class RunConfig:
         return {name: value for name, value in _flat(self).items() if value is not None}
 
     def write(self, folder: Path) -> None:
-        """Write the settings to ``config.toml`` in a folder, with paths relative to this folder."""
-        write_config(folder, self.command, self.values())
+        """Write the settings to ``config.toml`` in a folder, with paths relative to this folder.
+
+        A file with the same content is left as it is.
+        """
+
+        def relative(path: str) -> str:
+            prefix, path = without_prefix(path)
+            return prefix + (os.path.relpath(path, folder) if os.path.exists(path) else path)
+
+        # Strings, numbers, booleans and lists of these are the same in JSON and TOML.
+        lines = [
+            f"{key} = {json.dumps(value, ensure_ascii=False)}\n"
+            for key, value in moved(self.values(), relative).items()
+        ]
+        text = "".join([f"[{self.command}]\n", *lines])
+        path = folder / CONFIG_FILE
+        # A resumed run whose inputs lie where they lay keeps its file and the file's hash.
+        if not path.is_file() or path.read_bytes() != text.encode():
+            write_atomically(path, text, durable=True)
 
     @classmethod
     def read(cls, folder: Path) -> Self:
-        """Read ``config.toml``.
+        """Read ``config.toml`` in a run folder, with paths from the working folder.
 
         Raises:
             ArtefactError: if it is missing or damaged, belongs to another command, or has a wrong,
                 missing or unknown setting.
         """
-        command, settings = read_config(folder)
+
+        def from_here(path: str) -> str:
+            prefix, path = without_prefix(path)
+            target = folder / path
+            return prefix + (os.path.normpath(target) if os.path.exists(target) else path)
+
         path = folder / CONFIG_FILE
+        content = read_small_file(path)
+        try:
+            ((command, table),) = tomllib.loads(content.decode()).items()
+            settings = moved(table, from_here)
+        except (ValueError, AttributeError, RecursionError) as error:
+            raise ArtefactError(
+                f"{path} is damaged ({error}). Train again, or restore a copy."
+            ) from None
         if command not in cls.commands:
             expected = " or ".join(cls.commands)
             raise ArtefactError(
@@ -83,7 +113,10 @@ class RunConfig:
         config = _taken(cls, settings, command, path)
         # Each dataclass has taken its own settings; anything left is unknown to all of them.
         if settings:
-            raise ArtefactError(f"{path} is damaged: unknown setting '{next(iter(settings))}'.")
+            raise ArtefactError(
+                f"{path}: this version has no setting '{next(iter(settings))}'. Train again, or "
+                "open it with the version that wrote it."
+            )
         return config
 
 
@@ -138,62 +171,6 @@ def _taken(
         raise NotRegisteredError(f"'{path.parent}': {error}") from None
     except ConfigError as error:
         raise ArtefactError(f"{path} is damaged: {error} Train again, or restore a copy.") from None
-
-
-def write_config(
-    folder: Path,
-    command: str,
-    settings: Mapping[str, Any],
-) -> None:
-    """Write settings to ``config.toml``; a file with the same content is left as it is.
-
-    Args:
-        folder: the run folder, to which existing paths become relative.
-        command: training command, the name of the table.
-        settings: settings by name; those that are None are left out, since TOML has no null.
-    """
-
-    def relative(path: str) -> str:
-        prefix, path = without_prefix(path)
-        return prefix + (os.path.relpath(path, folder) if os.path.exists(path) else path)
-
-    # Strings, numbers, booleans and lists of these are the same in JSON and TOML.
-    lines = [
-        f"{key} = {json.dumps(value, ensure_ascii=False)}\n"
-        for key, value in moved(settings, relative).items()
-        if value is not None
-    ]
-    text = "".join([f"[{command}]\n", *lines])
-    path = folder / CONFIG_FILE
-    # A resumed run whose inputs lie where they lay keeps its file and the file's hash.
-    if not path.is_file() or path.read_bytes() != text.encode():
-        write_atomically(path, text, durable=True)
-
-
-def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
-    """Read ``config.toml`` in a run folder.
-
-    Returns:
-        The command (name of the table) and the settings, with paths from the working folder.
-
-    Raises:
-        ArtefactError: if the file is missing, or not a TOML file with one table.
-    """
-
-    def from_here(path: str) -> str:
-        prefix, path = without_prefix(path)
-        target = folder / path
-        return prefix + (os.path.normpath(target) if os.path.exists(target) else path)
-
-    path = folder / CONFIG_FILE
-    content = read_small_file(path)
-    try:
-        ((command, settings),) = tomllib.loads(content.decode()).items()
-        return command, moved(settings, from_here)
-    except (ValueError, AttributeError, RecursionError) as error:
-        raise ArtefactError(
-            f"{path} is damaged ({error}). Train again, or restore a copy."
-        ) from None
 
 
 def moved(settings: Mapping[str, Any], change: Callable[[str], str]) -> dict[str, Any]:

@@ -62,18 +62,6 @@ _PACKAGES = (
 Status = Literal["running", "interrupted", "failed", "done"]
 
 
-class GitState(Record, frozen=True, kw_only=True):
-    """Git state of the package's source.
-
-    Attributes:
-        commit: hash of the checked-out commit.
-        dirty: whether there were uncommitted changes.
-    """
-
-    commit: str
-    dirty: bool
-
-
 class Resumption(Record, frozen=True, kw_only=True):
     """A resumption of an interrupted run.
 
@@ -81,17 +69,20 @@ class Resumption(Record, frozen=True, kw_only=True):
         started: ISO 8601, UTC.
         argv: command line, with ``~`` for the home folder.
         versions: versions by package.
-        git: Git state; None if the package does not run from a checkout.
+        git: commit of the checkout that the package runs from, with ``-dirty`` if tracked files
+            were changed; None without a checkout. Earlier versions wrote an object.
     """
 
     started: str
     argv: tuple[str, ...]
     versions: dict[str, str]
-    git: GitState | None
+    git: str | dict[str, Any] | None
 
 
-class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
+class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=False):
     """Run record: the content of ``run.json``; keys with default values are left out.
+
+    Facts that another version has recorded are ignored.
 
     Attributes:
         format: name and version of this format.
@@ -101,7 +92,8 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
         started: start of the run, ISO 8601, UTC.
         ended: end of the last process, ISO 8601, UTC; None while running.
         versions: versions by package.
-        git: Git state; None if the package does not run from a checkout.
+        git: commit of the checkout that the package runs from, with ``-dirty`` if tracked files
+            were changed; None without a checkout. Earlier versions wrote an object.
         inputs: hashes of ``graph`` and ``split``, and the SHA-256 of files that training never
             changes.
         seed: random seed.
@@ -112,7 +104,6 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
             scored by a model that has seen them.
         trackers: names of metric trackers, such as tensorboard.
         plugins: SHA-256 of the plugin files that the run needs, by file name.
-        missing_words: words in entity labels that have no word vector.
         outputs: SHA-256 of each file that training wrote, by name; empty until the run is done.
         resumed: all resumptions, in order.
     """
@@ -124,7 +115,7 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
     started: str
     ended: str | None
     versions: dict[str, str]
-    git: GitState | None
+    git: str | dict[str, Any] | None
     inputs: dict[str, str]
     seed: int
     device: str
@@ -133,7 +124,6 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
     cross_fitted: int = 0
     trackers: tuple[str, ...] = ()
     plugins: dict[str, str] = msgspec.field(default_factory=dict)
-    missing_words: tuple[str, ...] = ()
     outputs: dict[str, str]
     resumed: tuple[Resumption, ...] = ()
 
@@ -346,32 +336,22 @@ def package_versions() -> Mapping[str, str]:
 
 
 @cache
-def _git_state() -> GitState | None:
-    """Return the state of the checkout that this package runs from; None without a checkout.
+def _git_state() -> str | None:
+    """Return the commit of the checkout that this package runs from; None without a checkout.
 
     Of several runs of a process, the first asks: this code was imported before all of them.
     """
     root = Path(__file__).parents[2]
     if not (root / ".git").exists():
         return None
-    try:
-        commit = _git(root, "rev-parse", "HEAD")
-        changes = _git(root, "status", "--porcelain")
-    except (OSError, subprocess.SubprocessError):
-        return None
-    return GitState(commit=commit, dirty=bool(changes))
-
-
-def _git(root: Path, *arguments: str) -> str:
-    process = subprocess.run(
-        ["git", *arguments],
-        cwd=root,
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=10,
-    )
-    return process.stdout.strip()
+    # Without tags, the name of a commit is its hash.
+    command = ["git", "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"]
+    with suppress(OSError, subprocess.SubprocessError):
+        process = subprocess.run(
+            command, cwd=root, capture_output=True, text=True, check=True, timeout=10
+        )
+        return process.stdout.strip()
+    return None
 
 
 T = TypeVar("T")

@@ -90,22 +90,6 @@ def _handling(number: signal.Signals, handler: Callable[[int, Any], None]) -> It
         signal.signal(number, before)
 
 
-def interruption_message(
-    folder: Path,
-    unit: str,
-    number: int,
-) -> str:
-    """Return the message for an interrupted run.
-
-    Args:
-        folder: the run folder.
-        unit: epoch or step.
-        number: number of the saved checkpoint.
-    """
-    saved = f"{unit} {number:,} is saved in '{folder}'"
-    return f"interrupted; {saved}. Repeat the command to resume from there."
-
-
 _BEGUN = ".begun-by-wordcraft-kg"
 """Marks a new folder until the first record; after an earlier kill, the folder can be removed."""
 P = TypeVar("P")
@@ -146,10 +130,6 @@ class RunKind(Generic[P]):
     def checkpoints(self, folder: Path) -> Checkpoints[P]:
         """Return an object that saves and loads the checkpoints in a run folder."""
         return Checkpoints(folder, self.unit, self.progress, kept=self.kept)
-
-    def has_checkpoints(self, folder: Path) -> bool:
-        """Return whether something is saved in a run folder from which the run can go on."""
-        return bool(self.checkpoints(folder).records())
 
 
 class RunFolder(Generic[P]):
@@ -256,10 +236,6 @@ class RunFolder(Generic[P]):
                 "Train again."
             ) from None
 
-    def interrupt(self) -> None:
-        """Record the run as interrupted in ``run.json``."""
-        self._end("interrupted")
-
     def finish(self, outputs: Sequence[str], card: str) -> None:
         """Record the run as done, and remove all checkpoints.
 
@@ -292,7 +268,10 @@ class RunFolder(Generic[P]):
         if last is None:
             return error
         if isinstance(error, KeyboardInterrupt):
-            return KeyboardInterrupt(interruption_message(self.path, unit, last))
+            saved = f"{unit} {last:,} is saved in '{self.path}'"
+            return KeyboardInterrupt(
+                f"interrupted; {saved}. Repeat the command to resume from there."
+            )
         safe = f"The checkpoint of {unit} {last:,} is safe"
         if isinstance(error, TrainingError):
             return TrainingError(f"{error} {safe}, in '{self.path}'.")

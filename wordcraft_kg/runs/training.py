@@ -25,7 +25,7 @@ from wordcraft_kg.runs.run_folder import (
     new_run,
     resumed_run,
 )
-from wordcraft_kg.runs.trackers import Log, Tracker, check_trackers, names_of, tracking
+from wordcraft_kg.runs.trackers import Log, Tracker, check_trackers, tracking
 
 _ADVICE = "Choose another `out`, or train again with `force`."
 C = TypeVar("C", bound=RunConfig)
@@ -172,7 +172,7 @@ def train(
     config = replace(config, graph=opened.source)
     folder = config.default_folder(opened.graph.name) if out is None else Path(out)
     trackers = list(trackers)
-    check_trackers(trackers)
+    names = check_trackers(trackers)
     kind = trainer.kind
     record = None if force else _earlier(folder, kind)
     if record is not None:
@@ -182,7 +182,7 @@ def train(
             recorded = _checked_settings(files, config, opened, trainer)
             if is_done:
                 return trainer.outcome(files)
-            if kind.has_checkpoints(folder):
+            if kind.checkpoints(folder).records():
                 training = trainer.of(recorded, opened)
                 resumed = resumed_run(folder, training.kind)
                 with shown(progress, training.kind) as report, resumed as run:
@@ -192,7 +192,7 @@ def train(
                     trackers = [*earlier, *(one for one in trackers if one not in earlier)]
                     check_trackers(earlier)
                     start = 0 if checkpoint is None else checkpoint.number
-                    with tracking(run, trackers, training.config.values(), start) as log:
+                    with tracking(run, trackers, start) as log:
                         return training.fit(run, report, log, checkpoint)
             # Killed before the first checkpoint: nothing is lost.
             force = True
@@ -204,8 +204,8 @@ def train(
         begun = {"inputs": {}, **training.begin(run, report)}
         # Hashes of graph and split belong to every run; a trainer adds its own inputs.
         inputs = {"graph": opened.graph.hash, "split": opened.split.hash, **begun.pop("inputs")}
-        run.begin(training.config, inputs=inputs, trackers=names_of(trackers), **begun)
-        with tracking(run, trackers, training.config.values()) as log:
+        run.begin(training.config, inputs=inputs, trackers=names, **begun)
+        with tracking(run, trackers) as log:
             return training.fit(run, report, log, None)
 
 

@@ -18,13 +18,14 @@ other tasks: disjoint intervals) and else is not reproduced; it is not reproduce
 intervals lie within ±.02, and else undecided. A claim without runs is *not run*.
 
 Intervals for success are over seeds and over groups of tasks that the split holds out together,
-such as the tasks of a goal, or over splits if each training has its own
-(:func:`~wordcraft_kg.base.statistics.crossed_difference`). Intervals for metrics per run, such as
-steps, are over seeds: mean ± t · s / √S, with Student's t. Differences
-are paired by seed, task and table. Verdicts are not corrected for multiple claims. With fewer than
+such as the tasks of a goal, or over splits if each training has its own. Intervals for metrics per
+run, such as steps, are over seeds: mean ± t · s / √S, with Student's t. Both are those of
+:func:`~wordcraft_kg.base.statistics.crossed_difference`. Differences are paired by seed, task and
+table. Verdicts are not corrected for multiple claims. With fewer than
 three seeds, a verdict other than *undecided* is marked as provisional.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from itertools import chain, combinations
 from typing import Literal, NamedTuple
@@ -33,30 +34,22 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.base import ConfigError, Count, Record, Share, counted
-from wordcraft_kg.base.statistics import (
-    FEWEST_PAIRS,
-    crossed_difference,
-    rate_interval,
-    student_interval,
+from wordcraft_kg.base.statistics import FEWEST_PAIRS, crossed_difference, rate_interval
+from wordcraft_kg.studies.results import (
+    PlayedRates,
+    RunResult,
+    StudyResults,
+    TaskIdentity,
 )
-from wordcraft_kg.graphs import Ids
-from wordcraft_kg.studies.results import PlayedRates, RunResult, StudyResults, steps_to
-from wordcraft_kg.studies.study import Claim, Expected, Measure, Values, points_at, title_of
+from wordcraft_kg.studies.study import Claim, Measure, Values, points_at, title_of
 
 Verdict = Literal["reproduced", "differs", "not reproduced", "undecided", "not run"]
 _SAME = 0.02
 """Smallest relevant success difference: half the width of a usual interval over tasks."""
 _EARLY = 0.1
 """Share of the steps after which early success is measured."""
-_REACHED = 0.95
+REACHED = 0.95
 """Share of a curve's last point that counts as reached; the last percents are noise."""
-
-_MEASURES = {
-    "success": "",
-    "early": "after a tenth of the steps: ",
-    "steps": f"steps to {_REACHED:.0%} of the other's end, as a share of all: ",
-    "same_twice": "ends with one entity twice: ",
-}
 
 
 class Measured(Record, frozen=True):
@@ -98,46 +91,21 @@ class ClaimVerdict(Record, frozen=True):
     The verdict follows from the measured intervals by the table of this module.
 
     Attributes:
-        text: the claim in a sentence.
-        source: publication and place of the claim.
-        sides: the left variant, and the right variant or value.
-        is_value: whether the right side is a value, not a variant.
-        expected: relation of left to right that is claimed.
-        by: claimed amount, in the measure's unit; 0 if the claim names none.
-        measure: measured quantity, see :class:`~wordcraft_kg.studies.study.Claim`.
+        claim: the claim.
         verdict: result of the rule.
         why: the reason for the verdict, in words.
-        note: known reason for a deviation; empty for other verdicts than "differs" and "not
-            reproduced".
         measured: values of the grid point that the verdict is about; of all points for a claim that
             the sign of the difference varies; empty if nothing was run.
     """
 
-    text: str
-    source: str
-    sides: tuple[str, str]
-    is_value: bool
-    expected: Expected
-    by: float
-    measure: Measure
+    claim: Claim
     verdict: Verdict
     why: str
-    note: str
     measured: tuple[Measured, ...]
 
 
-def view_claims(
-    results: StudyResults,
-    claims: Iterable[Claim] | None = None,
-) -> tuple[ClaimVerdict, ...]:
-    """Return verdicts on claims, one for each grid point of each claim.
-
-    Args:
-        results: the study's results.
-        claims: the claims to check; None for those of the study.
-    """
-    if claims is None:
-        claims = results.study.claims
+def view_claims(results: StudyResults, claims: Iterable[Claim]) -> tuple[ClaimVerdict, ...]:
+    """Return verdicts on claims about a study, one for each grid point of each claim."""
     return tuple(chain.from_iterable(check_claim(results, claim) for claim in claims))
 
 
@@ -149,55 +117,30 @@ def check_claim(results: StudyResults, claim: Claim) -> list[ClaimVerdict]:
     of them.
     """
     figures: list[Measured] = []
-    lacking: list[str] = []
+    reasons: list[str] = []
     for point in points_at(results.study, claim.at):
         try:
             figures.append(_measure(results, claim, point))
         except ConfigError as error:
-            lacking.append(str(error))
+            reasons.append(str(error))
     # One verdict for each point, except for claims about how points differ.
     groups: list[tuple[Measured, ...]] = [(measured,) for measured in figures]
     if claim.expected == "varies":
         groups = [tuple(figures)] if len(figures) > 1 else []
-    if not groups and not lacking:
-        lacking = ["the study has no results at such points"]
-    entries = []
+    if not groups and not reasons:
+        reasons = ["the study has no results at such points"]
+    verdicts = []
     for group in groups:
         verdict, why = _rule(results, claim, group)
-        entries.append(_verdict(claim, verdict, why, group))
+        # With two seeds, Student's t has one degree of freedom: such a verdict may turn with the
+        # third seed.
+        seeds = min(at.seeds for at in group)
+        if verdict != "undecided" and seeds < FEWEST_PAIRS:
+            why += f" (provisional: {counted(seeds, 'seed')})"
+        verdicts.append(ClaimVerdict(claim, verdict, why, group))
     # Many points usually lack results for the same reason, which is said once.
-    entries += [_verdict(claim, "not run", reason, ()) for reason in dict.fromkeys(lacking)]
-    return entries
-
-
-def _verdict(
-    claim: Claim,
-    verdict: Verdict,
-    why: str,
-    measured: tuple[Measured, ...],
-) -> ClaimVerdict:
-    # With two seeds, Student's t has one degree of freedom: such a verdict may turn with the third
-    # seed.
-    seeds = min((of.seeds for of in measured), default=FEWEST_PAIRS)
-    if verdict != "undecided" and seeds < FEWEST_PAIRS:
-        why += f" (provisional: {counted(seeds, 'seed')})"
-    note = claim.note if verdict in ("differs", "not reproduced") else ""
-    right = claim.right if claim.than is None else f"{claim.than:g}"
-    if claim.right_at:
-        right += f" with {title_of(claim.right_at)}"
-    return ClaimVerdict(
-        text=claim.text,
-        source=claim.source,
-        sides=(claim.left, right),
-        is_value=claim.than is not None,
-        expected=claim.expected,
-        by=claim.by,
-        measure=claim.measure,
-        verdict=verdict,
-        why=why,
-        note=note,
-        measured=measured,
-    )
+    verdicts += [ClaimVerdict(claim, "not run", reason, ()) for reason in dict.fromkeys(reasons)]
+    return verdicts
 
 
 class _Sides(NamedTuple):
@@ -205,11 +148,13 @@ class _Sides(NamedTuple):
 
     Attributes:
         seeds: common seeds, ascending.
+        tasks: identity of the test tasks of each training of the left side.
         left: rates by task for success, else a table of shape (seeds, 1).
         right: the same, in the same shape.
     """
 
     seeds: list[int]
+    tasks: list[TaskIdentity]
     left: PlayedRates
     right: PlayedRates
 
@@ -223,32 +168,40 @@ def _sides(results: StudyResults, claim: Claim, point: Values) -> _Sides:
     left = _runs(results, claim.left, point)
     right = left
     if claim.right:
-        right_point = {**point, **claim.right_at}
-        right = _runs(results, claim.right, right_point)
+        right = _runs(results, claim.right, {**point, **claim.right_at})
     seeds = sorted(left.keys() & right.keys())
+    names = f"'{claim.left}' and '{claim.right}'"
+    if not seeds:
+        raise ConfigError(f"no common seed for {names}, {title_of(point)}")
     runs = [left[seed] for seed in seeds]
     partners = [right[seed] for seed in seeds]
-    _check_runs(results, claim, point, runs, partners)
+    tasks = [results.tasks_of(run) for run in runs]
     if claim.measure == "success":
+        are_pairs = tasks == [results.tasks_of(partner) for partner in partners]
+        is_one_set = results.study.vary_split or len(set(tasks)) == 1
+        if not (are_pairs and is_one_set):
+            raise ConfigError(f"{names} were tested on different tasks, {title_of(point)}")
         left_rates = results.rates_of(runs)
         right_rates = results.rates_of(partners)
     else:
+        if claim.measure != "same_twice" and not all(run.curve for run in [*runs, *partners]):
+            raise ConfigError(f"no learning curves for {names}")
         left_rates = _metrics(claim.measure, runs, partners)
         right_rates = _metrics(claim.measure, partners, partners)
     if not claim.right:
         level = np.full_like(left_rates.scores, claim.than)
         right_rates = left_rates._replace(scores=level)
-    return _Sides(seeds, left_rates, right_rates)
+    return _Sides(seeds, tasks, left_rates, right_rates)
 
 
 def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
     sides = _sides(results, claim, point)
-    low, high, p_value = _interval(claim, sides)
     left = sides.left.mean
     right = sides.right.mean
-    tasks = sides.left.scores.shape[1] if claim.measure == "success" else 0
-    groups = sides.left.groups
-    splits = sides.left.splits
+    low = high = p_value = None
+    # An interval over tasks alone would be about two trainings, but the claim is about agents.
+    if len(sides.seeds) > 1:
+        low, high, p_value = _interval(claim, sides.left, sides.differences)
     return Measured(
         values=point,
         left=left,
@@ -257,38 +210,12 @@ def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
         low=low,
         high=high,
         seeds=len(sides.seeds),
-        tasks=tasks,
-        groups=tasks if groups is None else _number_of_groups(groups, splits),
-        splits=1 if splits is None else len(set(splits)),
+        tasks=sides.left.scores.shape[1] if claim.measure == "success" else 0,
+        groups=0 if sides.left.groups is None else len(np.unique(sides.left.groups)),
+        splits=1 if sides.left.splits is None else len(set(sides.left.splits)),
         # Two seeds give an interval, and too few degrees of freedom for a test.
         p_value=p_value if len(sides.seeds) >= FEWEST_PAIRS else None,
     )
-
-
-def _number_of_groups(groups: Ids, splits: Ids | None) -> int:
-    # Groups of different splits are different groups.
-    of_split = np.zeros_like(groups) if splits is None else splits
-    return len(np.unique(np.column_stack([of_split, groups]), axis=0))
-
-
-def _check_runs(
-    results: StudyResults,
-    claim: Claim,
-    point: Values,
-    runs: Sequence[RunResult],
-    partners: Sequence[RunResult],
-) -> None:
-    names = f"'{claim.left}' and '{claim.right}'"
-    if not runs:
-        raise ConfigError(f"no common seed for {names}, {title_of(point)}")
-    every_run = [*runs, *partners]
-    if claim.measure in ("early", "steps") and not all(run.curve for run in every_run):
-        raise ConfigError(f"no learning curves for {names}")
-    tasks = [results.tasks_of(run) for run in runs]
-    are_pairs = tasks == [results.tasks_of(partner) for partner in partners]
-    is_one_set = results.study.vary_split or len(set(tasks)) == 1
-    if claim.measure == "success" and not (are_pairs and is_one_set):
-        raise ConfigError(f"{names} were tested on different tasks, {title_of(point)}")
 
 
 def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunResult]:
@@ -320,42 +247,55 @@ def _metric(measure: Measure, run: RunResult, partner: RunResult) -> float:
         _, success = min(run.curve, key=lambda point: abs(point[0] - early))
         return success
     _, end = partner.curve[-1]
-    level = _REACHED * end
+    level = REACHED * end
     # A curve that never gets there counts as all steps: leaving it out would favour the slower
     # side.
     steps = min(steps_to(run.curve, level), run.steps)
     return steps / run.steps
 
 
-def _interval(claim: Claim, sides: _Sides) -> tuple[float, float, float] | tuple[None, None, None]:
-    """Return the interval of the difference, and the p-value of "no difference" by its method.
+def steps_to(curve: Iterable[tuple[int, float]], level: float) -> float:
+    """Return the steps until a curve first reaches a level; infinity if it never does.
 
-    All are None for a single seed: an interval over tasks alone would be about two trainings, but
-    the claim is about agents.
+    Between two points, the curve is a line.
+
+    Args:
+        curve: points (environment steps, success) in ascending order of steps.
+        level: the success to reach.
     """
-    if len(sides.seeds) == 1:
-        return None, None, None
-    differences = sides.differences
-    if claim.measure == "success":
-        (_, low, high), p_value = crossed_difference(*differences)
-        if claim.than is not None:
-            # One side is exact, so the interval of the other is that of the difference, moved.
-            low, high = (end - claim.than for end in rate_interval(*sides.left))
-        return low, high, p_value
-    # Shares lie in [0, 1], and so their differences in [-1, 1]: no interval reaches beyond.
-    within = (-1.0, 1.0)
-    if claim.than is not None:
-        within = (-claim.than, 1 - claim.than)
-    # One value for each seed, shape (seeds,).
-    by_seed = differences.scores[:, 0]
-    ends = student_interval(by_seed, within=within)
-    assert ends is not None, "there are several seeds"
-    if np.ptp(by_seed) == 0:
-        # Equal differences of all seeds have no spread to divide by.
-        return *ends, 0.0 if by_seed[0] else 1.0
-    from scipy.stats import ttest_1samp
+    before = 0
+    lower = level
+    for step, value in curve:
+        if value >= level:
+            # The first point has no line before it.
+            if lower >= level:
+                return step
+            # Back from the point, by the share of its line that lies above the level.
+            length = step - before
+            return step - length * (value - level) / (value - lower)
+        before = step
+        lower = value
+    return math.inf
 
-    return *ends, float(ttest_1samp(by_seed, 0.0).pvalue)
+
+def _interval(
+    claim: Claim, left: PlayedRates, differences: PlayedRates
+) -> tuple[float, float, float]:
+    """Return the interval of the difference of several seeds, and the p-value of "no difference".
+
+    Args:
+        claim: the claim.
+        left: the left side.
+        differences: left minus right.
+    """
+    (_, low, high), p_value = crossed_difference(*differences)
+    if claim.than is None:
+        return low, high, p_value
+    if claim.measure == "success":
+        # One side is exact, so the interval of the other is that of the difference, moved.
+        low, high = (end - claim.than for end in rate_interval(*left))
+    # Shares lie in [0, 1]: no interval reaches beyond.
+    return max(low, -claim.than), min(high, 1 - claim.than), p_value
 
 
 def _rule(results: StudyResults, claim: Claim, measured: Sequence[Measured]) -> tuple[Verdict, str]:
@@ -386,13 +326,8 @@ def _more(low: float, high: float, by: float, word: str, opposite: str) -> tuple
     """
     if low > 0:
         if low < by:
-            if high < by:
-                return "differs", f"{word}, but not by {by:g}"
             return "differs", f"{word}, but at least {by:g} is not significant at 5 %"
-        if by:
-            return "reproduced", f"{word}, by more than {by:g}"
-        # Significant, but below any relevant size: reproduced as claimed, and the reader is told.
-        return "reproduced", f"{word}, by less than {_SAME:g}" if high < _SAME else word
+        return "reproduced", f"{word}, by more than {by:g}" if by else word
     if high < 0:
         return "not reproduced", f"it is {opposite}"
     threshold = by or _SAME
@@ -453,61 +388,15 @@ def _changes(results: StudyResults, claim: Claim, first: Measured, second: Measu
     first_sides = _sides(results, claim, first.values)
     second_sides = _sides(results, claim, second.values)
     has_same_seeds = first_sides.seeds == second_sides.seeds
-    has_same_tasks = _tasks(results, claim, first) == _tasks(results, claim, second)
-    is_paired = has_same_seeds and has_same_tasks
+    is_paired = has_same_seeds and set(first_sides.tasks) == set(second_sides.tasks)
     if not is_paired or len(first_sides.seeds) < FEWEST_PAIRS:
         greatest_low = max(first.low or 0, second.low or 0)
         least_high = min(first.high or 0, second.high or 0)
         return greatest_low > least_high
     # A value that the claim names is the same at both points, and so cancels in the change.
     difference_claim = msgspec.structs.replace(claim, than=None)
-    change = _Sides(first_sides.seeds, first_sides.differences, second_sides.differences)
-    low, high, _ = _interval(difference_claim, change)
-    if low is None or high is None:
-        return False
+    first_differences = first_sides.differences
+    second_scores = second_sides.differences.scores
+    change = first_differences._replace(scores=first_differences.scores - second_scores)
+    low, high, _ = _interval(difference_claim, first_differences, change)
     return low > 0 or high < 0
-
-
-def _tasks(results: StudyResults, claim: Claim, at: Measured) -> set[tuple[str, str, int, int]]:
-    """Return the identities of the test tasks of the left side's runs at a point; usually one."""
-    runs = _runs(results, claim.left, at.values)
-    return {results.tasks_of(run) for run in runs.values()}
-
-
-def in_words(claim: ClaimVerdict, measured: Measured) -> str:
-    """Format a claim's measured values as a sentence.
-
-    Args:
-        claim: the claim, with its sides and its measure.
-        measured: values of one grid point of the claim.
-
-    Returns:
-        Both sides, the difference with its interval, and the numbers of seeds, tasks and groups.
-    """
-    left, right = claim.sides
-    # A value that the claim names has no measurement of its own beside it.
-    opponent = right if claim.is_value else f"{right} {share(measured.right)}"
-    sides = f"{left} {share(measured.left)} against {opponent}"
-    difference = signed(measured.difference)
-    # A single seed has no interval.
-    if measured.low is not None:
-        difference += f" [{signed(measured.low)}, {signed(measured.high)}]"
-    size = counted(measured.seeds, "split" if measured.splits > 1 else "seed")
-    # 0 tasks: the measure has one value for each training.
-    if measured.tasks:
-        size += f", {counted(measured.tasks, 'task')}"
-    # The number of groups says something only where a group holds several tasks.
-    if measured.groups < measured.tasks:
-        size += f" in {counted(measured.groups, 'group')}"
-    return f"{_MEASURES[claim.measure]}{sides}: {difference} ({size})"
-
-
-def share(value: float) -> str:
-    """Format a share with three digits and without the leading zero."""
-    return f"{value:.3f}".removeprefix("0")
-
-
-def signed(value: float | None) -> str:
-    """Format a difference between shares with sign and three digits; None as 0."""
-    text = f"{value or 0:+.3f}"
-    return text.replace("0.", ".", 1)

@@ -8,7 +8,7 @@ import threading
 import uuid
 from _thread import interrupt_main
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import contextmanager, nullcontext, redirect_stdout
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -17,12 +17,11 @@ from typing import Any, Literal
 from wordcraft_kg.base.errors import (
     ConfigError,
     TrainingError,
-    WordCraftKGError,
     reason,
 )
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.base.registry import Plugin, load_again, loaded_plugins
-from wordcraft_kg.base.settings import CORES_VARIABLE, cores
+from wordcraft_kg.base.settings import CORES_VARIABLE, MAX_THREADS, cores, whole
 from wordcraft_kg.runs.run_folder import first_interrupt, sigterm_as_interrupt
 from wordcraft_kg.studies.perform import is_done, make_graph, perform
 from wordcraft_kg.studies.plan import Kind, Outcome, Plan, Task, make_plan
@@ -117,21 +116,17 @@ Perform = Callable[[Task, Path], Outcome]
 Watch = Callable[[Plan, StudyProgress], None]
 
 
-class FullDiskError(WordCraftKGError, OSError):
-    """The disk is full; finished tasks are safe."""
-
-
 @dataclass(frozen=True)
 class Pool:
     """The workers of a study.
 
     Attributes:
-        jobs: number of parallel tasks; None for as many as the cores of the machine or the cluster
-            allow. A single job runs in this process.
-        engine: processes of this machine, or a Ray cluster, whose nodes see the results folder
-            under the same absolute path.
-        address: of the Ray cluster, host:port or auto; None starts one on this machine that ends
-            with the study.
+        jobs: parallel trainings; a single one runs in this process. Default: the number of cores,
+            of the cluster with ray.
+        engine: processes of this machine, or ray: a Ray cluster whose nodes see the results folder
+            under the same path (needs the extra ray).
+        address: with ray, host:port of the head node, or auto for this machine's cluster. Default:
+            a cluster on this machine that ends with the study.
     """
 
     jobs: int | None = None
@@ -165,11 +160,11 @@ def run_plan(
         ConfigError: if the number of jobs is out of range, or there is no such cluster.
         MissingExtraError: for a Ray cluster without Ray.
         TrainingError: if a worker process or node was lost; finished tasks are safe.
-        FullDiskError: if the disk is full.
         KeyboardInterrupt: after Ctrl-C; running trainings keep a checkpoint.
     """
     root = root.resolve()
-    plan.jobs(pool.jobs)  # refused before the folder is touched
+    if pool.jobs is not None:
+        whole("jobs", pool.jobs, 1, MAX_THREADS)  # refused before the folder is touched
     with own_results(root):
         write_plan(root, plan, command)
         state = StudyProgress(len(plan.tasks))
@@ -181,26 +176,19 @@ def run_plan(
             # Damaged results: the task begins anew.
             if (task.folder(root) / METRICS_FILE).exists():
                 shutil.rmtree(task.folder(root))
-        with _connected(pool, plan) as cluster:
+        cluster = ray_cluster(pool.address) if pool.engine == "ray" else nullcontext()
+        with cluster as cluster_cores:
+            places = max((cluster_cores or cores()) // plan.threads, 1)
+            jobs = pool.jobs or places
+            # Ray refuses more workers than fit its cores.
+            if pool.engine == "ray":
+                jobs = min(jobs, places)
             for kind in _WAVES:
                 wave = [task for task in missing if task.kind == kind]
                 ready = _ready(wave, plan, state)
-                outcomes = _outcomes(plan, root, ready, cluster, work)
+                outcomes = _outcomes(plan, root, ready, replace(pool, jobs=jobs), work)
                 _receive(outcomes, plan, root, state, watch)
     return state
-
-
-@contextmanager
-def _connected(pool: Pool, plan: Plan) -> Iterator[Pool]:
-    """Yield the pool with its number of jobs, connected to its cluster."""
-    jobs = plan.jobs(pool.jobs)
-    if pool.engine == "processes":
-        yield replace(pool, jobs=jobs)
-        return
-    with ray_cluster(pool.address) as cores:
-        # Ray refuses more workers than fit its cores.
-        places = max(cores // plan.threads, 1)
-        yield replace(pool, jobs=places if pool.jobs is None else min(jobs, places))
 
 
 def missing_tasks(plan: Plan, root: Path) -> list[Task]:
@@ -231,7 +219,7 @@ def _outcomes(
     if tasks and tasks[0].kind == "graphs":
         # Made quickly, so no process has to start for them.
         for task in tasks:
-            make_graph(task, root, plan.books[task.address])
+            make_graph(task, root)
             yield Outcome(task.address, "done")
         return
     if pool.jobs == 1:
@@ -330,9 +318,8 @@ def _receive(
     """Note how the tasks of a wave ended.
 
     Raises:
-        FullDiskError, KeyboardInterrupt: see :func:`run_plan`.
+        KeyboardInterrupt: see :func:`run_plan`.
     """
-    is_full = False
     is_interrupted = False
     try:
         for outcome in outcomes:
@@ -340,21 +327,14 @@ def _receive(
                 state.done += 1
             elif outcome.termination == "failed":
                 state.failed[outcome.address] = outcome
-            is_full = is_full or outcome.disk_full
-            is_interrupted = is_interrupted or outcome.termination == "interrupted"
-            if is_full or is_interrupted:
+            else:
+                is_interrupted = True
                 # Running trainings write a checkpoint, and no other task begins.
-                with suppress(OSError):
-                    stop_file(root).touch()
+                stop_file(root).touch()
             if watch:
                 watch(plan, state)
     except KeyboardInterrupt:  # a second Ctrl-C skips the checkpoints
         is_interrupted = True
-    if is_full:
-        raise FullDiskError(
-            f"the disk of '{root}' is full. All finished tasks are safe, and trainings have kept "
-            "their last checkpoint; free some space, then repeat the command."
-        )
     if is_interrupted:
         raise KeyboardInterrupt(
             f"interrupted; {state.kept + state.done:,} of {state.total:,} tasks are done, repeat "
@@ -388,7 +368,6 @@ def run_study(
         RecipeFileError: if a recipe book is missing.
         ArtefactError: if another study runs in the folder.
         TrainingError: if a worker process was lost; finished trainings are safe.
-        FullDiskError: if the disk is full.
         KeyboardInterrupt: after Ctrl-C; the same call resumes.
 
     Example:

@@ -2,14 +2,11 @@
 
 import logging
 import platform
-import shutil
 import time
 from errno import EDQUOT, ENOSPC
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from msgspec.structs import replace
+from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.errors import (
     ArtefactError,
@@ -79,13 +76,8 @@ def platform_of(device: str) -> str:
     return f"{platform.system()} {platform.machine()} {unit}"
 
 
-def make_graph(task: Task, root: Path, book: str) -> None:
-    """Write a task's graph folder, and replace an earlier one.
-
-    Args:
-        task: task of the kind "graphs".
-        root: results folder.
-        book: recipe book, as the study names it.
+def make_graph(task: Task, root: Path) -> None:
+    """Write a graph's folder in the results folder ``root``, and replace an earlier one.
 
     Raises:
         RecipeFileError: if the book is missing or damaged.
@@ -93,13 +85,13 @@ def make_graph(task: Task, root: Path, book: str) -> None:
             earlier content.
     """
     folder = task.folder(root)
-    recipes = open_book(book)
+    recipes = open_book(task.book)
     graph = RecipeGraph.from_book(recipes)
     split = make_split(graph, SplitConfig(**task.settings["split"]))
     planned_split = task.settings.get("split_hash", split.hash)
     if graph.hash != task.settings["graph"] or split.hash != planned_split:
         raise ArtefactError(
-            f"the book '{book}' has changed since the study was planned; repeat the command."
+            f"the book '{task.book}' has changed since the study was planned; repeat the command."
         )
     write_graph_folder(folder, recipes, split, force=True)
     write_metrics(
@@ -123,19 +115,22 @@ def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
         _check_content(task)
         if task.kind == "scorers":
             _scorer(task, root)
-        elif not _run(task, root, keep_all):
-            return Outcome(task.address, "interrupted")
+        else:
+            _run(task, root, keep_all)
     except KeyboardInterrupt:
         return Outcome(task.address, "interrupted")
     except (ArtefactError, OutputExistsError) as error:
         # The error's own remedy is that of a single training.
-        return Outcome(task.address, "failed", f"{error} {REMAKE}", _is_disk_full(error))
+        return Outcome(task.address, "failed", f"{error} {REMAKE}")
     except WordCraftKGError as error:
-        return Outcome(task.address, "failed", str(error), disk_full=_is_disk_full(error))
+        return Outcome(task.address, "failed", str(error))
     except Exception as error:
+        if isinstance(error, OSError) and error.errno in (ENOSPC, EDQUOT):
+            remedy = "Finished tasks are safe; free some space, then repeat the command."
+            return Outcome(task.address, "failed", f"{error}. {remedy}")
         # An error that is not the user's: its traceback goes to the log.
         logging.getLogger(__name__).exception("'%s' failed", task.title)
-        return Outcome(task.address, "failed", reason(error), _is_disk_full(error))
+        return Outcome(task.address, "failed", reason(error))
     return Outcome(task.address, "done")
 
 
@@ -150,37 +145,26 @@ def _check_content(task: Task) -> None:
         )
 
 
-def _is_disk_full(error: BaseException | None) -> bool:
-    # Libraries wrap the system's error in errors of their own.
-    while error is not None:
-        if isinstance(error, OSError) and error.errno in (ENOSPC, EDQUOT):
-            return True
-        error = error.__cause__ or error.__context__
-    return False
-
-
-def _run(task: Task, root: Path, keep_all: bool) -> bool:
+def _run(task: Task, root: Path, keep_all: bool) -> None:
     from wordcraft_kg.agents.agent_training import AgentTraining
 
     if PLAYER in task.settings["settings"]:
-        return _play(task, root)
+        _play(task, root)
+        return
     folder = task.folder(root)
     inputs = [str(root / address) for address in task.needs]
     graph = inputs[0]
     scorer = inputs[1] if len(inputs) > 1 else None
     config = agent_config(task.settings["settings"], graph, scorer)
-    if train(AgentTraining, config, folder, keep=True).interrupted:
-        return False
-    figures = _run_metrics(folder, open_graph(graph))
+    train(AgentTraining, config, folder, keep=True)
     # Results are written before files go: a kill in between leaves a task that is done.
-    write_metrics(folder, replace(figures, platform=platform_of(task.device)))
+    write_metrics(folder, _run_metrics(folder, open_graph(graph), task.device))
     if not keep_all:
         for name in _LARGE:
             (folder / name).unlink()
-    return True
 
 
-def _play(task: Task, root: Path) -> bool:
+def _play(task: Task, root: Path) -> None:
     """Let a player without training play the test tasks, and write its results."""
     from wordcraft_kg.agents import players
     from wordcraft_kg.agents.agent_config import TaskConfig
@@ -223,10 +207,9 @@ def _play(task: Task, root: Path) -> bool:
     folder = task.folder(root)
     folder.mkdir(parents=True, exist_ok=True)
     write_metrics(folder, figures)
-    return True
 
 
-def _run_metrics(folder: Path, opened: OpenedGraph) -> RunMetrics:
+def _run_metrics(folder: Path, opened: OpenedGraph, device: str) -> RunMetrics:
     from wordcraft_kg.agents.agent_folder import AGENTS
     from wordcraft_kg.agents.agent_records import read_episodes, read_metrics, read_summary
 
@@ -242,6 +225,7 @@ def _run_metrics(folder: Path, opened: OpenedGraph) -> RunMetrics:
     return RunMetrics(
         seconds=summary.seconds,
         versions=files.run.versions,
+        platform=platform_of(device),
         graph=PlayedGraph.of(opened),
         success={name: rate.mean for name, rate in summary.success.items()},
         by_plan={name: rate.by_plan for name, rate in summary.success.items()},
@@ -255,64 +239,37 @@ def _run_metrics(folder: Path, opened: OpenedGraph) -> RunMetrics:
 
 
 def _scorer(task: Task, root: Path) -> None:
+    """Train a scorer and write its results."""
     from wordcraft_kg.models.links.link_config import LinksConfig
     from wordcraft_kg.models.links.link_training import LinksTraining
+    from wordcraft_kg.models.model_folder import open_model
     from wordcraft_kg.models.recipes.recipe_config import RecipesConfig
     from wordcraft_kg.models.recipes.recipe_training import RecipesTraining
+    from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 
     folder = task.folder(root)
     graph = str(root / task.needs[0])
     command = task.settings["command"]
-    settings = task.settings["settings"]
+    config = scorer_config(command, task.settings["settings"])
     began = time.perf_counter()
     if command in RecipesConfig.commands:
-        recipes_config = RecipesConfig(graph, scorer_config(command, settings))
-        train(RecipesTraining, recipes_config, folder, keep=True)
-    elif command in LinksConfig.commands:
-        config = LinksConfig(graph, scorer_config(command, settings))
-        train(LinksTraining, config, folder, keep=True)
+        train(RecipesTraining, RecipesConfig(graph, config), folder, keep=True)
     else:
-        # Made in a moment, so a cut attempt is not resumed.
-        shutil.rmtree(folder, ignore_errors=True)
-        _save_plain(folder, graph, command, settings)
-    figures = _scorer_metrics(folder, time.perf_counter() - began)
-    write_metrics(folder, replace(figures, platform=platform_of(task.device)))
-
-
-def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -> None:
-    from wordcraft_kg.graphs.triples import recipe_triples
-    from wordcraft_kg.models.model_folder import save_scorer
-    from wordcraft_kg.models.scorers.baselines import KernelScorer, NeighbourScorer, SymbolicScorer
-    from wordcraft_kg.models.scorers.cross_fitting import cross_fit
-    from wordcraft_kg.models.scorers.features import glove_features
-
-    opened = open_graph(graph)
-    book = opened.graph
-    makers: dict[str, Any] = {
-        "kernel": lambda recipes: KernelScorer(
-            book, recipes, glove_features(book.entities).vectors
-        ),
-        "facts": lambda recipes: SymbolicScorer(book, recipe_triples(recipes)),
-        "neighbours": lambda recipes: NeighbourScorer(book, recipe_triples(recipes)),
-    }
-    make = makers[name]
-    is_full = settings.get("kg", "partial") == "full"
-    scorer = make(book.recipes) if is_full else cross_fit(opened.split, make)
-    save_scorer(folder, scorer, opened, kg="full" if is_full else "partial", origin=name)
-
-
-def _scorer_metrics(folder: Path, seconds: float) -> ScorerMetrics:
-    from wordcraft_kg.models.model_folder import open_model
-    from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
-
+        train(LinksTraining, LinksConfig(graph, config), folder, keep=True)
+    seconds = time.perf_counter() - began
     model = open_model(folder)
-    graph = model.opened.graph
     unseen = model.opened.split.held_out("test")
     # On the full graph the scorer has seen the test triples.
     mrr = None
     if model.kg == "partial" and len(unseen):
-        ranked = rank_triples(model.scorer, sampled_for(graph, unseen), graph.triples)
+        sample = sampled_for(model.opened.graph, unseen)
+        ranked = rank_triples(model.scorer, sample, model.opened.graph.triples)
         mrr = round(mean_reciprocal_rank(ranked), 6)
-    return ScorerMetrics(
-        seconds=round(seconds, 3), versions=model.run.versions, mrr=mrr, kg=model.kg
+    figures = ScorerMetrics(
+        seconds=round(seconds, 3),
+        versions=model.run.versions,
+        platform=platform_of(task.device),
+        mrr=mrr,
+        kg=model.kg,
     )
+    write_metrics(folder, figures)

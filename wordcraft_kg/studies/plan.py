@@ -18,18 +18,15 @@ from wordcraft_kg.agents.agent_config import (
     TaskConfig,
 )
 from wordcraft_kg.base import (
-    MAX_THREADS,
     ConfigError,
     FeatureSpec,
     SplitError,
-    cores,
     nearest,
-    one_of,
     refuse,
     sha256_of,
     whole,
 )
-from wordcraft_kg.base.settings import LEARNED, NAMES, SHUFFLED
+from wordcraft_kg.base.settings import SHUFFLED, VECTORS
 from wordcraft_kg.graphs import (
     SPLITS,
     RecipeGraph,
@@ -54,12 +51,18 @@ from wordcraft_kg.studies.study import (
     StudyCell,
     Value,
     cells_of,
-    split_of,
 )
 
 Kind = Literal["graphs", "scorers", "runs"]
 """Kind of result that a task makes, and subfolder in the results folder."""
 TerminationReason = Literal["done", "failed", "interrupted"]
+
+
+def hash_of(values: Any) -> str:
+    """Return the SHA-256 of JSON values."""
+    # Sorted, so that the order of keys in an edited but equal file does not matter.
+    text = json.dumps(values, sort_keys=True, ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +77,7 @@ class Task:
         needs: addresses of the inputs: none, the graph, or the graph and the scorer.
         threads: CPU threads.
         device: torch device.
+        book: recipe book of a graph, as the study names it.
     """
 
     kind: Kind
@@ -82,12 +86,12 @@ class Task:
     needs: tuple[str, ...] = ()
     threads: int = 1
     device: str = "cpu"
+    book: str = ""
 
     @cached_property
     def address(self) -> str:
         """Folder relative to the results folder: kind and settings hash."""
-        text = json.dumps(self.settings, sort_keys=True, ensure_ascii=False, allow_nan=False)
-        return f"{self.kind}/{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+        return f"{self.kind}/{hash_of(self.settings)[:16]}"
 
     def folder(self, root: Path) -> Path:
         """Return the folder for the output of this training in the results folder ``root``."""
@@ -102,13 +106,11 @@ class Outcome:
         address: address of the task.
         termination: done, failed, or interrupted with a checkpoint.
         error: the error in a line; empty without an error.
-        disk_full: whether the disk was full, which ends the study.
     """
 
     address: str
     termination: TerminationReason
     error: str = ""
-    disk_full: bool = False
 
 
 VERSIONS: dict[Kind, int] = {"graphs": 1, "scorers": 1, "runs": 3}
@@ -166,12 +168,13 @@ def scorer_config(command: str, settings: Mapping[str, Any]) -> Any:
     return kind(**{**_IN_STUDIES.get(kind, {}), **settings})
 
 
-DEFAULTS_OF_AGENT: dict[str, Any] = {}
-for _kind in PARTS_OF_AGENT.values():
-    DEFAULTS_OF_AGENT |= defaults_of(_kind)
-DEFAULTS_OF_GRAPH = {
-    name: {"book": BOOK, **defaults_of(SplitConfig)}[field] for name, field in OF_GRAPH.items()
+_KINDS: Mapping[str, tuple[Any, str]] = {
+    **dict.fromkeys(("book", "use", "device", "model"), (str, "text, in quotes")),
+    **dict.fromkeys(
+        ("train_ratio", "valid_ratio", "split_seed"), (int | float, "a number, without quotes")
+    ),
 }
+"""Kinds of values, also in words, of settings whose configuration class checks ranges alone."""
 
 
 @dataclass(frozen=True)
@@ -184,7 +187,6 @@ class Plan:
         cells: its trainings, by grid point, variant and seed.
         runs: address of each cell's run; equal trainings share one.
         tasks: all tasks by address, each after its inputs, first seeds first.
-        books: recipe book by graph address, as the study names it.
     """
 
     name: str
@@ -192,25 +194,11 @@ class Plan:
     cells: tuple[StudyCell, ...]
     runs: tuple[str, ...]
     tasks: Mapping[str, Task]
-    books: Mapping[str, str]
 
     @property
     def threads(self) -> int:
         """Most CPU threads per task."""
         return max(task.threads for task in self.tasks.values())
-
-    def jobs(self, wanted: int | None) -> int:
-        """Return the number of parallel tasks.
-
-        Args:
-            wanted: the number; None for as many as the cores allow.
-
-        Raises:
-            ConfigError: if ``wanted`` is out of range.
-        """
-        if wanted is None:
-            return max(cores() // self.threads, 1)
-        return whole("jobs", wanted, 1, MAX_THREADS)
 
 
 def make_plan(study: Study, name: str) -> Plan:
@@ -242,7 +230,6 @@ def make_plan(study: Study, name: str) -> Plan:
         cells=cells,
         runs=tuple(runs[number] for number in range(len(cells))),
         tasks=planner.tasks,
-        books=planner.books,
     )
 
 
@@ -265,7 +252,6 @@ class _Planner:
     def __init__(self, study: Study):
         self.study = study
         self.tasks: dict[str, Task] = {}
-        self.books: dict[str, str] = {}
         # All cells of a study usually share a graph, and making one takes seconds.
         self._graph = cache(self._make_graph)
         # Books and files of vectors are large, and many cells share them.
@@ -274,17 +260,17 @@ class _Planner:
 
     def run(self, cell: StudyCell) -> str:
         try:
-            _check_kinds(cell.settings, {**DEFAULTS_OF_GRAPH, **DEFAULTS_OF_AGENT})
+            _check_kinds(cell.settings)
             given = {name: cell.settings[name] for name in OF_GRAPH if name in cell.settings}
             graph = self._graph(**given)
             return self._agent(cell, graph, self._scorer(cell, graph))
         except (ConfigError, SplitError) as error:
             raise ConfigError(f"variant '{cell.variant}'{_values(cell.values)}: {error}") from None
 
-    def _add(self, kind: Kind, described: dict[str, Any], title: str, *others: Any) -> str:
+    def _add(self, kind: Kind, described: dict[str, Any], title: str, **others: Any) -> str:
         # The number of the version is a part of the address, see VERSIONS.
         settings = {"version": VERSIONS[kind], **described}
-        task = Task(kind, settings, title, *others)
+        task = Task(kind, settings, title, **others)
         self.tasks.setdefault(task.address, task)
         return task.address
 
@@ -292,9 +278,8 @@ class _Planner:
         """Return the address of a new graph, by the study's graph settings."""
         graph = self._book_graph(book)
         # An impossible split fails here; a book too small for the default split has none.
-        split = (
-            make_split(graph, split_of(split_settings)) if split_settings else default_split(graph)
-        )
+        settings: dict[str, Any] = {OF_GRAPH[name]: split_settings[name] for name in split_settings}
+        split = make_split(graph, SplitConfig(**settings)) if settings else default_split(graph)
         if split.config.kind == "none":
             raise ConfigError(
                 f"the split of '{book}' has no test tasks to compare agents on. Use a `split` such "
@@ -306,9 +291,7 @@ class _Planner:
             described["split_hash"] = split.hash
         described |= _recorded(SPLITS.plugins(split.config.kind))
         title = f"graph {graph.name}, {split.config.kind}, seed {split.config.seed}"
-        address = self._add("graphs", described, title)
-        self.books[address] = book
-        return address
+        return self._add("graphs", described, title, book=book)
 
     def _scorer(self, cell: StudyCell, graph: str) -> str | None:
         """Return the address of a cell's scorer; None without one."""
@@ -329,24 +312,16 @@ class _Planner:
                 f"{command} has no setting "
                 f"'{SCORER}.{wrong}'.{nearest(wrong, SCORER_SETTINGS[command])}"
             )
-        threads = 1
-        device = "cpu"
-        if command not in TRAINED_SCORERS:
-            one_of("kg", settings.get("kg", "partial"), ("partial", "full"))
-            # The default is left out, as for trained scorers.
-            settings = {name: value for name, value in settings.items() if value != "partial"}
-        else:
-            _check_kinds(settings, defaults_of(TRAINED_SCORERS[command]))
-            # Each agent gets a scorer of its own seed, so intervals cover both trainings.
-            settings.setdefault("seed", cell.seed)
-            if command == RecipeScorerConfig.command:
-                # The default vectors depend on the book's language, so the address names them.
-                labels = self._book_graph(self.books[graph]).entities
-                settings.setdefault("features", named(RecipeScorerConfig.features, labels))
-            config = scorer_config(command, settings)
-            threads = config.threads
-            device = config.device
-            settings = _not_default(settings, TRAINED_SCORERS[command])
+        kind = TRAINED_SCORERS[command]
+        _check_kinds(settings)
+        # Each agent gets a scorer of its own seed, so intervals cover both trainings.
+        settings.setdefault("seed", cell.seed)
+        if command == RecipeScorerConfig.command:
+            # The default vectors depend on the book's language, so the address names them.
+            labels = self._book_graph(self.tasks[graph].book).entities
+            settings.setdefault("features", named(RecipeScorerConfig.features, labels))
+        config = scorer_config(command, settings)
+        settings = _not_default(settings, kind)
         described: dict[str, Any] = {"graph": graph, "command": command, "settings": settings}
         described |= self._content(settings.get("features"))
         if command in SCORER_VERSIONS:
@@ -354,7 +329,14 @@ class _Planner:
         if settings.get("label_noise"):
             described["noise"] = NOISE_VERSION
         title = f"{command}{_values(settings)} on {self.tasks[graph].title}"
-        return self._add("scorers", described, title, (graph,), threads, device)
+        return self._add(
+            "scorers",
+            described,
+            title,
+            needs=(graph,),
+            threads=config.threads,
+            device=config.device,
+        )
 
     def _agent(self, cell: StudyCell, graph: str, scorer: str | None) -> str:
         """Return the address of a cell's run."""
@@ -390,7 +372,14 @@ class _Planner:
         title = f"{cell.variant}{_values(cell.values)}, seed {cell.seed}"
         needs = (graph,) if scorer is None else (graph, scorer)
         trainer = config.trainer
-        return self._add("runs", described, title, needs, trainer.threads, trainer.device)
+        return self._add(
+            "runs",
+            described,
+            title,
+            needs=needs,
+            threads=trainer.threads,
+            device=trainer.device,
+        )
 
     def _player(self, cell: StudyCell, graph: str, scorer: str | None) -> str:
         """Return the address of the games of a player without training.
@@ -398,28 +387,24 @@ class _Planner:
         They have no seed: their tables and the player's choices are those of each evaluation.
 
         Raises:
-            ConfigError: for a player that lacks the scorer or the vectors to play by.
+            ConfigError: for a player that lacks the scorer to play by.
         """
         names = [PLAYER, "features", *(field.name for field in fields(TaskConfig))]
         settings = {name: cell.settings[name] for name in names if name in cell.settings}
         player = settings[PLAYER]
         if player in PLAYERS_WITH_SCORER:
             command = None if scorer is None else self.tasks[scorer].settings["command"]
-            has_pairs_only = self._book_graph(self.books[graph]).has_pairs_only
+            has_pairs_only = self._book_graph(self.tasks[graph].book).has_pairs_only
             if command != RecipeScorerConfig.command or not has_pairs_only:
                 raise ConfigError(
                     f"player '{player}' plays a book of pairs by a recipe scorer; give it a scorer "
                     f"with command '{RecipeScorerConfig.command}'."
                 )
-        elif settings.get("features") == LEARNED:
-            raise ConfigError(
-                f"player '{player}' learns nothing, so its features cannot be '{LEARNED}'."
-            )
         described = {"graph": graph, "scorer": scorer, "settings": settings}
         described |= self._content(settings.get("features"))
         title = f"{cell.variant}{_values(cell.values)}, {self.tasks[graph].title}"
         needs = (graph,) if scorer is None else (graph, scorer)
-        return self._add("runs", described, title, needs)
+        return self._add("runs", described, title, needs=needs)
 
 
 def _book_graph(book: str) -> RecipeGraph:
@@ -442,16 +427,13 @@ def content_of(features: Value | None) -> dict[str, str]:
     Raises:
         ConfigError: if the file is missing.
     """
-    spec = FeatureSpec.parse(LEARNED if features is None else str(features))
+    spec = FeatureSpec.parse("glove" if features is None else str(features))
     if not spec.is_path:
         return {}
     path = Path(spec.source)
     if not path.exists():
-        expected = (
-            f"a file or folder, or one of {', '.join(NAMES)}; all but the last perhaps after "
-            f"'{SHUFFLED}'"
-        )
-        raise refuse("features", features, expected, nearest(spec.source, NAMES))
+        expected = f"a file or folder, or one of {', '.join(VECTORS)}, perhaps after '{SHUFFLED}'"
+        raise refuse("features", features, expected, nearest(spec.source, VECTORS))
     path = path / ENCODED if path.is_dir() else path
     files = [path]
     # An array has its labels in a file beside it.
@@ -482,20 +464,11 @@ def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) ->
     return replace(AgentConfig(graph, scorer), **parts)
 
 
-def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
-    """Refuse a value of another kind than its default.
-
-    The configuration classes check ranges.
-    """
-    for name, value in settings.items():
-        default = defaults.get(name)
-        is_text = isinstance(value, str)
-        if isinstance(default, str) and not is_text:
-            raise refuse(name, value, "text, in quotes")
-        if isinstance(default, bool) and not isinstance(value, bool):
-            raise refuse(name, value, "true or false")
-        if isinstance(default, int | float) and is_text:
-            raise refuse(name, value, "a number, without quotes")
+def _check_kinds(settings: Mapping[str, Any]) -> None:
+    for name in sorted(settings.keys() & _KINDS.keys()):
+        kind, expected = _KINDS[name]
+        if not isinstance(settings[name], kind):
+            raise refuse(name, settings[name], expected)
 
 
 def _not_default(settings: Mapping[str, Any], kind: type) -> dict[str, Any]:

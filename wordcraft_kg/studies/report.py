@@ -1,17 +1,16 @@
 """A study report: tables, page and pictures from a study's summarised results."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import chain, groupby
 from operator import attrgetter
-from pathlib import Path
+from statistics import fmean
 
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.charts import Chart
-from wordcraft_kg.reports.pages import Report, write_report
-from wordcraft_kg.studies.claims import in_words
-from wordcraft_kg.studies.study import title_of
+from wordcraft_kg.reports.pages import Report
+from wordcraft_kg.studies.claims import REACHED, Measured
+from wordcraft_kg.studies.study import Claim, title_of
 from wordcraft_kg.studies.view import (
     Interval,
     PointMetrics,
@@ -19,66 +18,38 @@ from wordcraft_kg.studies.view import (
     VariantMetrics,
 )
 
-
-@dataclass(frozen=True)
-class StudyTable:
-    """A table of texts.
-
-    Attributes:
-        title: the grid point.
-        headings: column headings; the first column names the variants.
-        rows: texts of each variant, one for each heading.
-    """
-
-    title: str
-    headings: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
 _Column = tuple[str, Callable[[VariantMetrics], str]]
 """Heading, and text of a variant's cell."""
 
 
-def tables_of(view: StudyView) -> list[StudyTable]:
-    """Return the tables of a study report, one per grid point with a row per agent.
+def tables_of(view: StudyView) -> list[list[dict[str, str]]]:
+    """Return the tables of a study report: for each grid point a row per variant, by heading.
 
     A column without text at all points is left out of all tables, so that tables stay comparable.
     """
     entries = _entries(view)
     columns = [(heading, text) for heading, text in _COLUMNS if any(map(text, entries))]
-    over = "[splits]" if view.vary_split else _RESAMPLED
-    headings = tuple(heading.replace(_RESAMPLED, over) for heading, _ in columns)
 
-    def row(entry: VariantMetrics) -> tuple[str, ...]:
-        return tuple(text(entry) for _, text in columns)
+    def row(entry: VariantMetrics) -> dict[str, str]:
+        return {heading: text(entry) for heading, text in columns}
 
-    return [
-        StudyTable(point.title, headings, tuple(map(row, point.variants))) for point in view.points
-    ]
+    return [list(map(row, point.variants)) for point in view.points]
 
 
 def _entries(view: StudyView) -> list[VariantMetrics]:
     return list(chain.from_iterable(point.variants for point in view.points))
 
 
-def with_bounds(value: float, interval: Interval | None, form: str = "z.3f") -> str:
+def with_bounds(value: float, interval: Interval, form: str = "z.3f") -> str:
     """Format a value with its interval bounds, such as ``0.500 [0.400, 0.610]``.
 
     Args:
         value: the value.
-        interval: lower and upper end; None leaves the bounds out.
+        interval: lower and upper end.
         form: format specification of all three numbers.
     """
-    shown = signed(value, form)
-    return f"{shown} {bounds(interval, form)}" if interval else shown
-
-
-def bounds(interval: Interval | None, form: str = "z.3f") -> str:
-    """Format interval bounds by a format specification such as "z.3f"; empty for None."""
-    if interval is None:
-        return ""
     low, high = interval
-    return f"[{signed(low, form)}, {signed(high, form)}]"
+    return f"{signed(value, form)} [{signed(low, form)}, {signed(high, form)}]"
 
 
 def signed(value: float, form: str) -> str:
@@ -97,22 +68,12 @@ def p_value_of(at: VariantMetrics) -> str:
 
 
 def _mrr(at: VariantMetrics) -> str:
-    if at.mrr is None or at.mrr_range is None:
+    if not at.mrr:
         return ""
-    low, high = (f"{end:.3f}" for end in at.mrr_range)
+    low, high = (f"{end:.3f}" for end in (min(at.mrr), max(at.mrr)))
     # Variants often share one scorer: then there is no range to show.
     shown_range = "" if low == high else f" ({low}–{high})"
-    return f"{at.mrr:.3f}{shown_range}"
-
-
-def _reached(at: VariantMetrics) -> str:
-    if not at.curve:
-        return ""
-    if at.reached_interval is None:
-        return _amount(at.reached)
-    low, high = at.reached_interval
-    ends = "" if low == high else f" [{_amount(low)}, {_amount(high)}]"
-    return _amount(at.reached) + ends
+    return f"{fmean(at.mrr):.3f}{shown_range}"
 
 
 def difference_of(at: VariantMetrics) -> str:
@@ -122,73 +83,73 @@ def difference_of(at: VariantMetrics) -> str:
     return with_bounds(at.comparison.difference, at.comparison.interval, "+z.3f")
 
 
-def _amount(steps: int | None) -> str:
-    return "never" if steps is None else f"{steps:,}"
+_MEASURES = {
+    "success": "",
+    "early": "after a tenth of the steps: ",
+    "steps": f"steps to {REACHED:.0%} of the other's end, as a share of all: ",
+    "same_twice": "ends with one entity twice: ",
+}
 
 
-_RESAMPLED = "[seeds, tasks]"
-"""What the intervals of a column are over, in its heading; over splits, another."""
+def in_words(claim: Claim, measured: Measured) -> str:
+    """Format a claim's measured values at a grid point as a sentence.
+
+    Returns:
+        Both sides, the difference with its interval, and the numbers of seeds, tasks and groups.
+    """
+    right = claim.right or f"{claim.than:g}"
+    if claim.right_at:
+        right += f" with {title_of(claim.right_at)}"
+    # A value that the claim names has no measurement of its own beside it.
+    if claim.right:
+        right += f" {measured.right:.3f}"
+    difference = signed(measured.difference, "+z.3f")
+    # A single seed has no interval.
+    if measured.low is not None and measured.high is not None:
+        difference = with_bounds(measured.difference, (measured.low, measured.high), "+z.3f")
+    size = counted(measured.seeds, "split" if measured.splits > 1 else "seed")
+    # 0 tasks: the measure has one value for each training.
+    if measured.tasks:
+        size += f", {counted(measured.tasks, 'task')}"
+    # The number of groups says something only where a group holds several tasks.
+    if measured.groups < measured.tasks:
+        size += f" in {counted(measured.groups, 'group')}"
+    sides = f"{claim.left} {measured.left:.3f} against {right}"
+    return f"{_MEASURES[claim.measure]}{sides}: {difference} ({size})"
+
+
 _COLUMNS: tuple[_Column, ...] = (
     ("variant", lambda at: at.variant),
     ("seeds", lambda at: str(len(at.seeds))),
-    (f"success {_RESAMPLED}", lambda at: with_bounds(at.mean, at.interval)),
-    ("success [seeds]", lambda at: bounds(at.seed_interval)),
-    (f"difference {_RESAMPLED}", difference_of),
+    ("success", lambda at: with_bounds(at.mean, at.interval)),
+    ("difference", difference_of),
     ("train", lambda at: "" if at.train is None else f"{at.train:.3f}"),
     ("MRR", _mrr),
     ("p", p_value_of),
-    ("reached after", _reached),
 )
 
 
 def notes(view: StudyView) -> list[str]:
     """Return sentences that explain the columns of :func:`tables_of`."""
-    about_intervals = (
-        "over seeds and tasks, that is, for other such tasks too, and over seeds alone (Student's "
-        "t), for these tasks"
-    )
-    if view.vary_split:
-        about_intervals = "over splits, of which each training has its own"
     sentences = [
         "Success: share of episodes on test tasks in which the greedy agent makes the goal, with "
-        f"95 % intervals: {about_intervals}."
+        f"95 % intervals over {view.resampled}."
     ]
     entries = _entries(view)
     if any(len(entry.seeds) == 1 for entry in entries):
         sentences.append("The interval of a single seed is over its tasks alone.")
     if any(entry.comparison for entry in entries):
-        corrected = ""
-        if view.comparisons:
-            corrected = f"; corrected by Holm for {counted(view.comparisons, 'comparison')}"
-        sentences += [
+        sentences.append(
             f"Differences are to {view.reference}, paired by seed and task, with intervals over "
-            f"{view.resampled}.",
-            "Reached after: environment steps until the mean learning curve reaches where that of "
-            f"{view.reference} ends, with the interval over {view.trainings}.",
+            f"{view.resampled}."
+        )
+    if view.comparisons:
+        comparisons = counted(view.comparisons, "comparison")
+        sentences.append(
             "p: of no difference, the level at which the interval of the difference reaches 0, "
-            f"none below three seeds{corrected}.",
-        ]
+            f"none below three seeds; corrected by Holm for {comparisons}."
+        )
     return sentences
-
-
-def write_study_report(view: StudyView, folder: Path, *, force: bool = False) -> list[Path]:
-    """Write a study's report.
-
-    Args:
-        view: the summarised results.
-        folder: folder to write, which appears when it is complete.
-        force: replace an existing report.
-
-    Returns:
-        The paths of page, ``report.json`` and pictures.
-
-    Raises:
-        OutputExistsError: if ``folder`` exists and ``force`` is False.
-        ValueError: if a number is not finite or out of bounds; nothing is written.
-    """
-    report = make_study_report(view)
-    write_report(report, folder, force=force)
-    return [folder / name for name in ("index.html", "report.json", *report.files)]
 
 
 def make_study_report(view: StudyView) -> Report[StudyView]:
@@ -198,7 +159,8 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
         The page with its charts, and the files ``figure.svg`` and ``figure.pdf``.
     """
     # A claim has one verdict for each grid point, all in a row: the page prints its text once.
-    claims = [list(verdicts) for _, verdicts in groupby(view.claims, key=attrgetter("text"))]
+    by_claim = groupby(view.claims, key=attrgetter("claim"))
+    claims = [(claim, list(verdicts)) for claim, verdicts in by_claim]
     panels = panels_of(view)
     return Report(
         view,
@@ -209,13 +171,13 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
             "tables": tables_of(view),
             "notes": notes(view),
             "counted": counted,
-            "title": title_of,
+            "words_of": title_of,
             "words": in_words,
             "claims": claims,
         },
         files={
-            "figure.svg": charts.as_file(list(panels.items()), view.title),
-            "figure.pdf": charts.as_pdf(list(panels.items()), view.title),
+            "figure.svg": charts.as_file(list(panels.items()), view.study.title),
+            "figure.pdf": charts.as_pdf(list(panels.items()), view.study.title),
         },
     )
 
@@ -225,7 +187,7 @@ def panels_of(view: StudyView) -> dict[str, Chart]:
     panels = {}
     for point in view.points:
         has_curves = any(len(entry.curve) > 1 for entry in point.variants)
-        draw = _curves if view.drawing == "curves" and has_curves else _bars
+        draw = _curves if view.study.drawing == "curves" and has_curves else _bars
         panels[point.title] = draw(view, point)
     return panels
 
@@ -233,13 +195,10 @@ def panels_of(view: StudyView) -> dict[str, Chart]:
 def _curves(view: StudyView, point: PointMetrics) -> Chart:
     """Draw the success of each variant over training."""
     # A variant keeps its colour at all points.
-    colours: dict[str, int] = {}
-    for at in view.points:
-        for entry in at.variants:
-            colours.setdefault(entry.variant, len(colours))
+    colours = {name: number for number, name in enumerate(view.study.variants)}
     last_step = max(at.step for entry in point.variants for at in entry.curve)
     drawn = []
-    for entry in sorted(point.variants, key=lambda entry: colours[entry.variant]):
+    for entry in point.variants:
         points: list[charts.CurvePoint]
         points = [(at.step, at.success, at.low, at.high) for at in entry.curve]
         is_level = not entry.curve

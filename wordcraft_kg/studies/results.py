@@ -9,11 +9,9 @@ studies. A task's ``figures.json`` is written last and marks the task as done.
 | ``studies/<name>.json`` | a study, its cells, and each cell's run address |
 """
 
-import hashlib
 import json
-import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -23,12 +21,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.agents.agent_config import TaskConfig
 from wordcraft_kg.base import (
     ArtefactError,
     Count,
     Record,
     Share,
+    WordCraftKGError,
     as_record,
     as_values,
     drop_temporary,
@@ -44,37 +42,11 @@ from wordcraft_kg.envs.draws import MOST_TASKS, distance_of
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.graphs import PlayedGraph, open_graph
-from wordcraft_kg.studies.plan import Plan
+from wordcraft_kg.studies.plan import Plan, hash_of
 from wordcraft_kg.studies.study import Study, StudyCell, Values
 
 Curve = tuple[tuple[int, float], ...]
 """Points (environment steps, success)."""
-
-
-def steps_to(curve: Iterable[tuple[int, float]], level: float) -> float:
-    """Return the steps until a curve first reaches a level; infinity if it never does.
-
-    Between two points, the curve is a line.
-
-    Args:
-        curve: points (environment steps, success) in ascending order of steps.
-        level: the success to reach.
-    """
-    before = 0
-    lower = level
-    for step, value in curve:
-        if value >= level:
-            # The first point has no line before it.
-            if lower >= level:
-                return step
-            # Back from the point, by the share of its line that lies above the level.
-            length = step - before
-            return step - length * (value - level) / (value - lower)
-        before = step
-        lower = value
-    return math.inf
-
-
 Won = Annotated[str, msgspec.Meta(pattern=r"^[0-9]+\Z")]
 """Number of successes on each test task, a digit each."""
 _ROUNDING = 1e-6
@@ -130,7 +102,7 @@ class RunResult(Performance, frozen=True):
         mrr: the scorer's leak-free MRR on test triples; None without a scorer, or if the scorer has
             seen these triples.
         origin: position in :attr:`StudyResults.origins`.
-        groups: position in :attr:`StudyResults.groups`; None if the graph's folder was removed.
+        groups: position in :attr:`StudyResults.groups`.
     """
 
     variant: str
@@ -139,8 +111,8 @@ class RunResult(Performance, frozen=True):
     run: str
     graph: int
     mrr: Share | None
-    origin: Count = 0
-    groups: Count | None = None
+    origin: Count
+    groups: Count
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -184,13 +156,18 @@ class Origin(Record, frozen=True):
     runs: Count
 
 
+TaskIdentity = tuple[str, str, int, int]
+"""Graph hash, split hash, number of test tasks, and of tables of each."""
+
+
 class PlayedRates(NamedTuple):
     """Success rates of runs, by task.
 
     Attributes:
         scores: shape (S runs, K tasks); of runs on one split each, all tasks in a row, shape (1,
             sum of K).
-        groups: resampling group of each task, in a row; None if not recorded.
+        groups: resampling group of each task, in a row, of other splits other groups; None for
+            measures with one value per run.
         splits: number of each task's split, in a row; None if all runs played the same tasks.
     """
 
@@ -235,15 +212,13 @@ class StudyResults(Record, frozen=True):
     runs: tuple[RunResult, ...]
     missing: tuple[Missing, ...]
     hours: Annotated[float, msgspec.Meta(ge=0)]
-    origins: tuple[Origin, ...] = ()
-    groups: tuple[tuple[Count, ...], ...] = ()
+    origins: tuple[Origin, ...]
+    groups: tuple[tuple[Count, ...], ...]
 
     def __post_init__(self) -> None:
         for run in self.runs:
             if run.graph >= len(self.graphs):
                 raise ValueError(f"run {run.run} names a graph that is not listed")
-            if run.groups is None:
-                continue
             if run.groups >= len(self.groups):
                 raise ValueError(f"run {run.run} names groups of tasks that are not listed")
             expected = len(self.groups[run.groups])
@@ -255,20 +230,17 @@ class StudyResults(Record, frozen=True):
     def rates_of(self, runs: Sequence[RunResult]) -> PlayedRates:
         """Return the success rates of runs that played the same tasks, or a split each."""
         rates = [run.rates for run in runs]
-        # Groups are unknown of runs whose graph was removed.
-        groups = [
-            None if run.groups is None else np.array(self.groups[run.groups], dtype=np.int64)
-            for run in runs
-        ]
+        groups = [np.array(self.groups[run.groups], dtype=np.int64) for run in runs]
         if len({self.tasks_of(run) for run in runs}) == 1:
             return PlayedRates(np.array(rates), groups[0], None)
         splits = np.repeat(np.arange(len(runs)), [len(row) for row in rates])
-        known = [numbers for numbers in groups if numbers is not None]
-        joined = np.concatenate(known) if len(known) == len(runs) else None
+        # Each split numbers its groups from 0.
+        past = np.cumsum([0, *(numbers.max() + 1 for numbers in groups[:-1])])
+        joined = np.concatenate(groups) + past[splits]
         return PlayedRates(np.concatenate(rates)[None], joined, splits)
 
-    def tasks_of(self, run: RunResult) -> tuple[str, str, int, int]:
-        """Return what identifies a run's test tasks: graph hash, split hash, tasks, tables."""
+    def tasks_of(self, run: RunResult) -> TaskIdentity:
+        """Return what identifies a run's test tasks."""
         graph = self.graphs[run.graph]
         return graph.hash, graph.split, len(run.won), run.distractor_seeds
 
@@ -357,12 +329,8 @@ def read_metrics(folder: Path, kind: type[F]) -> F:
     """
     path = folder / METRICS_FILE
     values = read_json(path)
-    if not isinstance(values, dict) or values.keys() != {"sha256", "figures"}:
-        raise ArtefactError(
-            f"{path} is damaged: expected 'sha256' and 'figures'. Repeat the command to repair the "
-            "file."
-        )
-    if hash_of(values["figures"]) != values["sha256"]:
+    is_pair = isinstance(values, dict) and values.keys() == {"sha256", "figures"}
+    if not is_pair or hash_of(values["figures"]) != values["sha256"]:
         raise ArtefactError(
             f"{path} is damaged or was changed: the hash does not fit. Repeat the command to "
             "repair the file."
@@ -370,15 +338,6 @@ def read_metrics(folder: Path, kind: type[F]) -> F:
     return as_record(values["figures"], kind, path)
 
 
-def hash_of(values: Any) -> str:
-    """Return the SHA-256 of JSON values."""
-    # Sorted, so that the order of keys in an edited but equal file does not matter.
-    text = json.dumps(values, sort_keys=True, ensure_ascii=False)
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-_OF_TASKS = ("depth", "task_weighting")
-"""Settings on which tasks and their groups depend."""
 _STUDIES = "studies"
 _STOP = ".stop"
 
@@ -487,13 +446,14 @@ def collect_study(root: Path, name: str) -> StudyResults:
 
     # Opening a graph and finding its tasks takes seconds, and most runs share them.
     @cache
-    def groups_at(graph: str, config: WordCraftConfig) -> tuple[int, ...]:
+    def groups_at(graph: str, depth: int) -> tuple[int, ...]:
         """Return the resampling group of each played task, numbered by first appearance."""
         try:
             opened = open_graph(str(root / graph))
-        except ArtefactError as error:
+        except WordCraftKGError as error:
             raise ArtefactError(f"{error} {REMAKE}") from error
-        every = World(opened, config).groups
+        # A small book may lack room for the default number of distractors.
+        every = World(opened, WordCraftConfig("test", depth, num_distractors=0)).groups
         # Of very many tasks, an even sample is played.
         played = every[:: distance_of(len(every), MOST_TASKS)].tolist()
         numbers = {group: number for number, group in enumerate(dict.fromkeys(played))}
@@ -511,18 +471,15 @@ def collect_study(root: Path, name: str) -> StudyResults:
     for cell, address, scorer, graph in zip(
         plan.cells, plan.runs, plan.scorers, plan.graphs, strict=True
     ):
-        number = None
         try:
             figures = _run_metrics(root / address)
-            # The tasks are unknown if the graph's folder was removed.
-            if (root / graph).exists():
-                group_of_task = groups_at(graph, _played_config(cell.settings))
-                if len(figures.won) != len(group_of_task):
-                    raise ArtefactError(
-                        f"{root / address} has results of {len(figures.won):,} tasks; expected "
-                        f"{len(group_of_task):,}, all test tasks of {root / graph}. {REMAKE}"
-                    )
-                number = groups.setdefault(group_of_task, len(groups))
+            depth: Any = cell.settings.get("depth", WordCraftConfig.depth)
+            group_of_task = groups_at(graph, depth)
+            if len(figures.won) != len(group_of_task):
+                raise ArtefactError(
+                    f"{root / address} has results of {len(figures.won):,} tasks; expected "
+                    f"{len(group_of_task):,}, all test tasks of {root / graph}. {REMAKE}"
+                )
             if scorer is not None and scorer not in scorers:
                 scorers[scorer] = read_metrics(root / scorer, ScorerMetrics)
         except ArtefactError as error:
@@ -542,7 +499,7 @@ def collect_study(root: Path, name: str) -> StudyResults:
                 graph=graphs.setdefault(figures.graph, len(graphs)),
                 origin=origins.setdefault(origin, len(origins)),
                 mrr=scorers[scorer].mrr if scorer is not None else None,
-                groups=number,
+                groups=groups.setdefault(group_of_task, len(groups)),
                 **_rounded(figures),
             )
         )
@@ -563,14 +520,6 @@ def collect_study(root: Path, name: str) -> StudyResults:
         ),
         groups=tuple(groups),
     )
-
-
-def _played_config(settings: Values) -> WordCraftConfig:
-    """Return the test environment of a cell, with the settings alone that decide the tasks."""
-    task_settings = {name: settings[name] for name in _OF_TASKS if name in settings}
-    config = TaskConfig(**task_settings)  # type: ignore[arg-type]
-    # A small book may lack room for the default number of distractors.
-    return config.environment("test", distractors=0)
 
 
 def _run_metrics(folder: Path) -> RunMetrics:

@@ -54,8 +54,7 @@ def search(study: Study, score: Callable[[Study], float]) -> Study:
         raise failures[-1]
     best = _with(study, trials.best_params)
     shown = ", ".join(f"{name} {value}" for name, value in trials.best_params.items())
-    losses = f", {len(failures)} failed" if failures else ""
-    outcome = f"best of {study.trials} trials{losses}, validation success {trials.best_value:.3f}"
+    outcome = f"best of {study.trials} trials, validation success {trials.best_value:.3f}"
     return msgspec.structs.replace(best, title=f"{study.title} ({outcome}: {shown})")
 
 
@@ -63,8 +62,8 @@ def check_searchable(study: Study) -> None:
     """Raise a ConfigError unless a study is a search over one variant with a validation part."""
     if not study.search:
         raise ConfigError("the study has no table [search]; expected the settings to search over.")
-    if len(study.variants) > 1 or study.grid or study.points or study.claims:
-        raise ConfigError("a search is over one variant: leave out grid, points and claims.")
+    if len(study.variants) > 1 or study.grid or study.claims:
+        raise ConfigError("a search is over one variant: leave out grid and claims.")
     (variant,) = study.variants.values()
     if PLAYER in variant:
         raise ConfigError(f"a search is for an agent that is trained, not for a '{PLAYER}'.")

@@ -9,6 +9,7 @@ setting is an option in ``build-graph`` (``book``, ``split``, ``split_seed``, ``
 
 import math
 import tomllib
+from collections.abc import Collection, Iterable
 from dataclasses import fields
 from importlib.resources import files
 from itertools import chain, product
@@ -18,8 +19,15 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from wordcraft_kg.agents.agent_config import ImpalaConfig, TaskConfig
-from wordcraft_kg.base import ConfigError, Record, nearest, read_small_file, whole
-from wordcraft_kg.graphs.splits import SplitConfig
+from wordcraft_kg.base import (
+    ConfigError,
+    Record,
+    nearest,
+    one_of,
+    read_small_file,
+    refuse,
+    whole,
+)
 from wordcraft_kg.models.links.link_config import CONFIGS
 from wordcraft_kg.models.policies.policy_config import PolicyConfig
 from wordcraft_kg.models.recipes.recipe_config import RecipeScorerConfig
@@ -43,17 +51,13 @@ OF_GRAPH = {
 """Graph settings by option: ``book``, and :class:`SplitConfig` fields."""
 PARTS_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}
 """Configuration classes by part of an agent's settings."""
-OF_AGENT: dict[str, type] = {}
-"""Configuration class by agent option."""
-for _agent_kind in PARTS_OF_AGENT.values():
-    OF_AGENT |= {field.name: _agent_kind for field in fields(_agent_kind)}
+OF_AGENT = frozenset(field.name for kind in PARTS_OF_AGENT.values() for field in fields(kind))
+"""Options of an agent."""
 SCORER = "scorer"
 """The setting that names a scorer in the study; ``scorer.epochs`` is a setting for that scorer."""
-_PLAIN_SCORERS = ("facts", "neighbours", "kernel")
-"""Untrained scorers, with the setting ``kg`` only."""
 TRAINED_SCORERS = {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}
 """Configuration class by command that trains a scorer."""
-SCORER_SETTINGS: dict[str, frozenset[str]] = {name: frozenset({"kg"}) for name in _PLAIN_SCORERS}
+SCORER_SETTINGS: dict[str, frozenset[str]] = {}
 """Allowed settings of a scorer by its command."""
 for _command, _kind in TRAINED_SCORERS.items():
     _names = {field.name for field in fields(_kind)}
@@ -139,9 +143,8 @@ class Study(Record, omit_defaults=True):
         reference: the variant that all variants are compared with. Default: the first.
         settings: settings of all trainings; variants and the grid override them.
         grid: values by setting; each combination of values is a grid point.
-        points: further combinations, each a table with the same settings, crossed with the grid.
-        scorers: settings by scorer name, with ``command``: train-complex, train-links,
-            train-recipes, facts, neighbours or kernel.
+        scorers: settings by scorer name, with ``command``: train-complex, train-links or
+            train-recipes.
         claims: expected results, compared with the results in the report.
         search: settings to search over, for ``reproduce --search``: a list of values or a
             :class:`Range` each.
@@ -164,7 +167,6 @@ class Study(Record, omit_defaults=True):
     reference: str = ""
     settings: Values = msgspec.field(default_factory=dict)
     grid: dict[str, list[Value]] = msgspec.field(default_factory=dict)
-    points: list[Values] = msgspec.field(default_factory=list)
     scorers: dict[str, Values] = msgspec.field(default_factory=dict)
     claims: list[Claim] = msgspec.field(default_factory=list)
     search: dict[str, list[Value] | Range] = msgspec.field(default_factory=dict)
@@ -234,14 +236,15 @@ def parse_study(text: str, source: str) -> Study:
     """
     try:
         values = tomllib.loads(text)
+        _check_names("", values, Study.__struct_fields__)
+        study = msgspec.convert(values, Study)
+        check_study(study)
     except (tomllib.TOMLDecodeError, RecursionError) as error:  # the latter for deep nesting
         raise ConfigError(f"{source}: not a TOML file ({error}).") from None
-    _known(source, "", values, Study.__struct_fields__)
-    try:
-        study = msgspec.convert(values, Study)
     except msgspec.ValidationError as error:
         raise ConfigError(f"{source}: {str(error).replace('`', chr(39))}.") from None
-    check_study(study, source)
+    except ConfigError as error:
+        raise ConfigError(f"{source}: {error}") from None
     return study
 
 
@@ -266,11 +269,10 @@ def adapted(
     """
     given: dict[str, Value | None] = {"book": book, "steps": steps}
     changes = {name: value for name, value in given.items() if value is not None}
-    varied: list[dict[str, Any]] = [study.grid, *study.points]
     for name in changes:
         # Variants with steps of their own are shortened below.
-        tables = varied if name == "steps" else [*varied, *study.variants.values()]
-        if any(name in table for table in tables):
+        variants_with = [] if name == "steps" else study.variants.values()
+        if name in study.grid or any(name in settings for settings in variants_with):
             raise ConfigError(f"`{name}`: the study varies this setting; change the study file.")
     variants = dict(study.variants)
     for name, table in study.variants.items():
@@ -287,12 +289,8 @@ def adapted(
     return adapted_study
 
 
-def check_study(study: Study, source: str = "study") -> None:
+def check_study(study: Study) -> None:
     """Check the names and settings in a study.
-
-    Args:
-        study: the study.
-        source: name of the study's text, for errors.
 
     Raises:
         ConfigError: for the first wrong or contradictory name or setting.
@@ -300,126 +298,65 @@ def check_study(study: Study, source: str = "study") -> None:
     whole("seeds", study.seeds, 1, 1_000)
     whole("trials", study.trials, 1, 1_000)
     if not study.variants:
-        raise ConfigError(
-            f'{source}: no variants; expected at least one table [variants."a name"].'
-        )
-    if study.reference and study.reference not in study.variants:
-        raise ConfigError(
-            f"{source}: reference '{study.reference}' is not a variant; expected "
-            f"{', '.join(study.variants)}."
-            f"{nearest(study.reference, study.variants)}"
-        )
-    tables: list[dict[str, Any]] = [
-        study.settings,
-        study.grid,
-        *study.points,
-        *study.variants.values(),
-    ]
+        raise ConfigError('no variants; expected at least one table [variants."a name"].')
+    if study.reference:
+        one_of("reference", study.reference, list(study.variants))
+    tables: list[dict[str, Any]] = [study.settings, study.grid, *study.variants.values()]
     if study.vary_split and any("split_seed" in table for table in tables):
         raise ConfigError(
-            f"{source}: 'split_seed' is set, but with 'vary_split' it is each training's seed; "
-            "remove one of the two."
+            "'split_seed' is set, but with 'vary_split' it is each training's seed; remove one of "
+            "the two."
         )
-    _check_scorers(study, source)
-    _check_settings(study, source)
-    _check_points(study, source)
-    # The grid may name scorers, too, so they are checked cell by cell.
-    for cell in cells_of(study):
-        name = cell.settings.get(SCORER)
-        if name is not None and name not in study.scorers:
-            raise ConfigError(
-                f"{source}: variant '{cell.variant}' names the unknown scorer {name!r}; expected "
-                f"{', '.join(study.scorers) or 'none'}.{nearest(str(name), study.scorers)}"
-            )
-    for claim in study.claims:
-        _check_claim(study, claim, source)
-
-
-def _check_scorers(study: Study, source: str) -> None:
     for name, scorer in study.scorers.items():
         command = scorer.get("command")
-        if command not in SCORER_SETTINGS:
-            hint = nearest(str(command), SCORER_SETTINGS)
-            raise ConfigError(
-                f"{source}: scorers.{name} has command {command!r}; expected one of "
-                f"{', '.join(SCORER_SETTINGS)}.{hint}"
-            )
-        _known(source, f"scorers.{name}.", scorer, {"command", *SCORER_SETTINGS[str(command)]})
+        one_of(f"scorers.{name}.command", command, list(SCORER_SETTINGS))
+        _check_names(f"scorers.{name}.", scorer, {"command", *SCORER_SETTINGS[str(command)]})
+    _check_settings(study)
+    for name, values in study.grid.items():
+        # Equal points would be counted twice in every mean and correction.
+        if not values or any(value in values[:place] for place, value in enumerate(values)):
+            raise refuse(f"grid.{name}", values, "at least one value, and none twice")
+    # The grid may name scorers, too, so they are checked cell by cell.
+    for cell in cells_of(study):
+        if SCORER in cell.settings:
+            # A study without scorers has no name to expect.
+            names = list(study.scorers) or ["the tables [scorers.NAME], of which there is none"]
+            one_of(f"variants.{cell.variant}.{SCORER}", cell.settings[SCORER], names)
+    for claim in study.claims:
+        _check_claim(study, claim)
 
 
-def _check_settings(study: Study, source: str) -> None:
+def _check_settings(study: Study) -> None:
     # Which scorer a variant names is not known here, so a setting of any scorer passes.
     scorer_settings = {f"{SCORER}.{name}" for name in chain.from_iterable(SCORER_SETTINGS.values())}
     allowed_settings = {SCORER, *OF_GRAPH, *OF_AGENT, *scorer_settings} - set(NO_SETTINGS)
-    allowed_of_variant = {PLAYER, *allowed_settings}
-    of_training = {name for name, kind in OF_AGENT.items() if kind is not TaskConfig} - {"features"}
-    tables: dict[str, Any] = {
-        "settings.": study.settings,
-        "grid.": study.grid,
-        "search.": study.search,
-    }
-    tables |= {f"points[{number}].": point for number, point in enumerate(study.points)}
-    for where, table in tables.items():
-        _known(source, where, table, allowed_settings)
-    varied = {*study.grid, *study.search, *chain.from_iterable(study.points)}
+    _check_names("settings.", study.settings, allowed_settings)
+    _check_names("grid.", study.grid, allowed_settings)
+    _check_names("search.", study.search, allowed_settings)
+    of_training = {field.name for kind in (PolicyConfig, ImpalaConfig) for field in fields(kind)}
     for variant, settings in study.variants.items():
         prefix = f"variants.{variant}."
-        _known(source, prefix, settings, allowed_of_variant)
-        _check_player(f"{source}: {prefix}{PLAYER}", settings)
-        for name in settings:
-            if PLAYER in settings and name in of_training:
+        _check_names(prefix, settings, {PLAYER, *allowed_settings})
+        if PLAYER in settings:
+            one_of(f"{prefix}{PLAYER}", settings[PLAYER], PLAYERS)
+            for name in sorted(settings.keys() & of_training - {"features"}):
                 raise ConfigError(
-                    f"{source}: {prefix}{name} is for an agent that is trained, not for a player; "
-                    f"remove the setting or '{PLAYER}'."
+                    f"{prefix}{name} is for an agent that is trained, not for a player; remove the "
+                    f"setting or '{PLAYER}'."
                 )
-            if name in varied:
-                raise ConfigError(
-                    f"{source}: {prefix}{name} is also in the grid or search; remove the setting "
-                    "from the variant."
-                )
-
-
-def _check_player(name: str, settings: Values) -> None:
-    if PLAYER not in settings:
-        return
-    player = settings[PLAYER]
-    if player not in PLAYERS:
-        hint = nearest(str(player), PLAYERS)
-        raise ConfigError(f"{name} is {player!r}; expected one of {', '.join(PLAYERS)}.{hint}")
-    if player in PLAYERS_WITH_SCORER and SCORER not in settings:
-        raise ConfigError(f"{name} is {player!r}, which plays by a scorer; give `{SCORER}`, too.")
-
-
-def _check_points(study: Study, source: str) -> None:
-    for name, values in study.grid.items():
-        if not values:
-            raise ConfigError(f"{source}: grid.{name} is empty; expected a value.")
-    for number, point in enumerate(study.points):
-        if point.keys() != study.points[0].keys():
+        for name in sorted(settings.keys() & (study.grid.keys() | study.search.keys())):
             raise ConfigError(
-                f"{source}: points[{number}] has {', '.join(point) or 'nothing'}, points[0] has "
-                f"{', '.join(study.points[0]) or 'nothing'}; expected the same settings in all."
+                f"{prefix}{name} is also in the grid or search; remove the setting from the "
+                "variant."
             )
-        for name in sorted(study.grid.keys() & point.keys()):
-            raise ConfigError(f"{source}: points[{number}].{name} is also in the grid; keep one.")
-    # Equal points would be counted twice in every mean and correction.
-    points = points_of(study)
-    for number, point in enumerate(points):
-        if point in points[:number]:
-            raise ConfigError(f"{source}: the point '{title_of(point)}' is there twice; keep one.")
 
 
-def _check_claim(study: Study, claim: Claim, source: str) -> None:
-    prefix = f"{source}: claim {claim.text!r}"
+def _check_claim(study: Study, claim: Claim) -> None:
+    prefix = f"claim {claim.text!r}"
     if (claim.than is None) == (not claim.right):
         raise ConfigError(f"{prefix} needs either 'right', a variant, or 'than', a value.")
-    for variant in (claim.left, claim.right):
-        if variant and variant not in study.variants:
-            hint = nearest(variant, study.variants)
-            raise ConfigError(
-                f"{prefix} names an unknown variant {variant!r}; expected "
-                f"{', '.join(study.variants)}.{hint}"
-            )
+    for variant in filter(None, (claim.left, claim.right)):
+        one_of(f"{prefix}: variant", variant, list(study.variants))
     # Without a size, any interval that excludes 0 by a hair would contradict the claim.
     if claim.expected == "comparable" and not claim.by:
         raise ConfigError(f"{prefix} needs 'by': how close is comparable?")
@@ -433,14 +370,9 @@ def _check_claim(study: Study, claim: Claim, source: str) -> None:
 
 
 def points_of(study: Study) -> list[Values]:
-    """Return a study's grid points.
-
-    They are all combinations of values for the settings in ``points`` and ``grid``.
-    """
-    points: list[Values] = []
-    for point, values in product(study.points or [{}], product(*study.grid.values())):
-        points.append({**point, **dict(zip(study.grid, values, strict=True))})
-    return points
+    """Return a study's grid points: all combinations of values for the settings in ``grid``."""
+    combinations = product(*study.grid.values())
+    return [dict(zip(study.grid, values, strict=True)) for values in combinations]
 
 
 def title_of(values: Values) -> str:
@@ -462,12 +394,10 @@ def points_at(study: Study, values: Values) -> list[Values]:
     return [point for point in points_of(study) if values.items() <= point.items()]
 
 
-def _known(source: str, where: str, table: Any, known: Any) -> None:
+def _check_names(where: str, table: Iterable[str], allowed: Collection[str]) -> None:
     for name in table:
-        if name not in known:
-            raise ConfigError(
-                f"{source}: unknown setting '{where}{name}'.{nearest(str(name), known)}"
-            )
+        if name not in allowed:
+            raise ConfigError(f"unknown setting '{where}{name}'.{nearest(str(name), allowed)}")
 
 
 def cells_of(study: Study) -> list[StudyCell]:
@@ -487,17 +417,3 @@ def cells_of(study: Study) -> list[StudyCell]:
                 split = {"split_seed": seed} if study.vary_split else {}
                 cells.append(StudyCell(name, values, seed, {**merged, **split}))
     return cells
-
-
-def split_of(settings: Values) -> SplitConfig:
-    """Return the split settings for a cell (one training).
-
-    Raises:
-        ConfigError: if a setting is out of range.
-    """
-    fields = {
-        field: settings[name]
-        for name, field in OF_GRAPH.items()
-        if name != "book" and name in settings
-    }
-    return SplitConfig(**fields)  # type: ignore[arg-type]

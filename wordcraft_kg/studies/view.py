@@ -3,16 +3,13 @@
 It has means, intervals, differences to the reference, and success by scorer MRR.
 """
 
-import math
 from collections.abc import Sequence
 from itertools import chain
 from statistics import fmean
 from typing import Annotated, Literal
 
 import msgspec
-import numpy as np
 from msgspec.structs import replace
-from numpy.typing import NDArray
 
 from wordcraft_kg.base import ConfigError, Count, Record, Share
 from wordcraft_kg.base.statistics import (
@@ -20,18 +17,15 @@ from wordcraft_kg.base.statistics import (
     crossed_difference,
     holm,
     rate_interval,
-    student_interval,
 )
-from wordcraft_kg.evaluation.agent_metrics import CurvePoint, mean_curve, shared_steps
+from wordcraft_kg.evaluation.agent_metrics import CurvePoint, mean_curve
 from wordcraft_kg.graphs.graph_folder import PlayedGraph
 from wordcraft_kg.studies.claims import ClaimVerdict, view_claims
-from wordcraft_kg.studies.results import Missing, Origin, RunResult, StudyResults, steps_to
-from wordcraft_kg.studies.study import Drawing, Value, Values, title_of
+from wordcraft_kg.studies.results import Missing, Origin, RunResult, StudyResults
+from wordcraft_kg.studies.study import Study, Value, Values, title_of
 
 Interval = tuple[float, float]
 """Lower and upper end."""
-_ROUNDING = 1e-12
-"""A mean of equal curves may lie this far below the level that it reaches."""
 
 
 class VariantComparison(Record):
@@ -41,7 +35,6 @@ class VariantComparison(Record):
         difference: mean success on test tasks, variant minus reference.
         interval: 95 % interval of the difference over seeds and groups of tasks; the same seed and
             the same task are pairs.
-        pairs: number of seeds that both have.
         p_value: of no difference, the level at which the interval reaches 0; None below three
             pairs, where a p-value would rest on one degree of freedom.
         p_corrected: the p-value with Holm's correction over all comparisons in the study, or None.
@@ -49,7 +42,6 @@ class VariantComparison(Record):
 
     difference: Annotated[float, msgspec.Meta(ge=-1, le=1)]
     interval: Interval
-    pairs: Annotated[int, msgspec.Meta(ge=1)]
     p_value: Share | None
     p_corrected: Share | None
 
@@ -62,25 +54,15 @@ class VariantMetrics(Record):
         seeds: seeds of its runs.
         success: success rate of each run on test tasks.
         mean: mean of ``success``.
-        seed_interval: interval for ``mean`` over seeds, by Student's t, for the same tasks; None
-            for a single seed, and for runs on different splits.
         interval: interval for ``mean`` over seeds and groups of tasks, such as goals; over tasks
             for a single seed; over splits if each run has its own.
-        by_plan: mean share of episodes in which the last pair of a plan made the goal.
         train: mean success on train tasks; None if not measured for every run.
-        mrr: mean MRR of the agents' scorers on test triples outside training; None without a
-            scorer, or if the scorers have seen these triples.
-        mrr_range: least and greatest of these MRRs, or None.
+        mrr: MRR of each run's scorer on test triples outside training; empty without a scorer, or
+            if the scorers have seen these triples.
         comparison: difference to the reference; None for the reference, and without common seeds or
             tasks.
-        reached: steps until the mean learning curve reaches the reference's final success; None for
-            never, or without a reference to reach.
-        reached_interval: interval for ``reached``, with None for never; None below two common
-            seeds.
         curve: mean success at the steps that the curves of all runs have, with intervals over
             seeds.
-        runs: address of each run in the results folder.
-        seconds: mean training time; results from a store count as 0.
         steps: environment steps of a run.
     """
 
@@ -88,18 +70,11 @@ class VariantMetrics(Record):
     seeds: tuple[int, ...]
     success: Annotated[tuple[Share, ...], msgspec.Meta(min_length=1)]
     mean: Share
-    seed_interval: Interval | None
     interval: Interval
-    by_plan: Share
     train: Share | None
-    mrr: Share | None
-    mrr_range: Interval | None
+    mrr: tuple[Share, ...]
     comparison: VariantComparison | None
-    reached: Count | None
-    reached_interval: tuple[Count | None, Count | None] | None
     curve: tuple[CurvePoint, ...]
-    runs: tuple[str, ...]
-    seconds: float
     steps: Count
 
 
@@ -141,29 +116,20 @@ def metrics_of(
     """
     success = [run.success["test"] for run in members]
     rates = results.rates_of(members)
-    # Runs of earlier studies may lack train tasks or a scorer: these lists may be shorter.
+    # Players without training play no train tasks.
     train = [run.success["train"] for run in members if "train" in run.success]
-    mrr = [run.mrr for run in members if run.mrr is not None]
-    reached, reached_interval = _reached(members, base)
     # Means that do not depend on the order of the values.
     return VariantMetrics(
         variant=variant,
         seeds=tuple(run.seed for run in members),
         success=tuple(success),
         mean=fmean(success),
-        seed_interval=student_interval(success) if rates.splits is None else None,
         interval=rate_interval(*rates),
-        by_plan=fmean(run.by_plan["test"] for run in members),
         # A mean of some runs would stand beside the success of all.
         train=fmean(train) if len(train) == len(members) else None,
-        mrr=fmean(mrr) if mrr else None,
-        mrr_range=(min(mrr), max(mrr)) if mrr else None,
+        mrr=tuple(run.mrr for run in members if run.mrr is not None),
         comparison=_comparison(results, members, base),
-        reached=reached,
-        reached_interval=reached_interval,
         curve=tuple(mean_curve(dict(run.curve) for run in members)),
-        runs=tuple(run.run for run in members),
-        seconds=fmean(run.seconds for run in members),
         steps=members[0].steps,
     )
 
@@ -186,48 +152,7 @@ def _comparison(
     (difference, low, high), exact = crossed_difference(differences, rates.groups, rates.splits)
     p_value = exact if len(pairs) >= FEWEST_PAIRS else None
     # Holm's correction needs all comparisons of the study; the summary of the study fills it in.
-    return VariantComparison(difference, (low, high), len(pairs), p_value, p_corrected=p_value)
-
-
-def _reached(
-    members: list[RunResult],
-    base: list[RunResult],
-) -> tuple[int | None, tuple[int | None, int | None] | None]:
-    """Return the steps to the reference's final success, and their interval.
-
-    See :class:`VariantMetrics`.
-    """
-    if not base:
-        return None, None
-    curves = shared_steps(dict(run.curve) for run in members)
-    goal = shared_steps(dict(run.curve) for run in base)
-    if curves.empty or goal.empty:
-        return None, None
-    steps = curves.index.tolist()
-    table = curves.to_numpy().T
-
-    # Curves are measured against the goal, so that each is asked when it reaches 0.
-    def first(curve: NDArray[np.float64]) -> int | None:
-        reached = steps_to(zip(steps, curve, strict=True), -_ROUNDING)
-        return round(reached) if math.isfinite(reached) else None
-
-    finals = goal.to_numpy()[-1]
-    reached = first(table.mean(axis=0) - finals.mean())
-    # For the interval each run is measured against the reference's end with its own seed.
-    final_of = {run.seed: final for run, final in zip(base, finals, strict=True)}
-    ahead = [
-        row - final_of[run.seed]
-        for run, row in zip(members, table, strict=True)
-        if run.seed in final_of
-    ]
-    if len(ahead) < 2:
-        return reached, None
-    # Shape (steps, runs): an interval over the runs at each step.
-    by_step = np.array(ahead).T
-    bounds = np.array([student_interval(column, within=(-1, 1)) for column in by_step])
-    low, high = bounds.T
-    # The upper bound of success arrives first, so it gives the least number of steps.
-    return reached, (first(high), first(low))
+    return VariantComparison(difference, (low, high), p_value, p_corrected=p_value)
 
 
 class StudyView(Record):
@@ -236,48 +161,33 @@ class StudyView(Record):
     Attributes:
         format: name and version of the file format.
         name: name of the study in its results folder.
-        title: what is compared, in a line.
-        about: question of the study, and how to read its results.
-        source: publication and place of the comparison, such as a figure of the paper.
+        study: the study's file, with the changes of the command line.
         command: the command that ran the study.
-        drawing: kind of picture.
         reference: the variant that all others are compared with.
-        vary_split: whether each training has its own split.
         points: results at each grid point that has runs, in the order of the runs.
         comparisons: number of comparisons with a p-value; Holm's correction is over these.
         claims: the study's claims with their verdicts.
         missing: trainings without results, with reasons.
-        versions: package versions of the trainings; the last one's, if several were used.
         hours: training time in the results folder.
         origins: platforms and package versions of the trainings.
     """
 
-    format: Literal["wordcraft-kg study report 1"]
+    format: Literal["wordcraft-kg study report 2"]
     name: str
-    title: str
-    about: str
-    source: str
+    study: Study
     command: str
-    drawing: Drawing
     reference: str
-    vary_split: bool
     points: Annotated[tuple[PointMetrics, ...], msgspec.Meta(min_length=1)]
     comparisons: Count
     claims: tuple[ClaimVerdict, ...]
     missing: tuple[Missing, ...]
-    versions: dict[str, str]
     hours: float
-    origins: tuple[Origin, ...] = ()
+    origins: tuple[Origin, ...]
 
     @property
     def resampled(self) -> str:
         """What the intervals of success are about, in words."""
-        return "splits" if self.vary_split else "seeds and tasks"
-
-    @property
-    def trainings(self) -> str:
-        """What the intervals of figures per training are about, in words."""
-        return "splits" if self.vary_split else "seeds"
+        return "splits" if self.study.vary_split else "seeds and tasks"
 
 
 Runs = dict[str, list[RunResult]]
@@ -295,20 +205,15 @@ def view_study(results: StudyResults) -> StudyView:
     points = [_point(results, values, runs, reference) for values, runs in _cells(results)]
     comparisons, corrected = _corrected(points)
     return StudyView(
-        format="wordcraft-kg study report 1",
+        format="wordcraft-kg study report 2",
         name=results.name,
-        title=study.title,
-        about=study.about,
-        source=study.source,
+        study=study,
         command=results.command,
-        drawing=study.drawing,
         reference=reference,
-        vary_split=study.vary_split,
         points=corrected,
         comparisons=comparisons,
-        claims=view_claims(results),
+        claims=view_claims(results, study.claims),
         missing=results.missing,
-        versions=results.versions,
         hours=results.hours,
         origins=results.origins,
     )

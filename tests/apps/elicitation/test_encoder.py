@@ -230,7 +230,18 @@ def as_a_pipe(folder):
 
 
 MODELS = {
-    "code": (lambda at: change(at / "config.json", model_type="evil", auto_map=REFS), "evil.Evil"),
+    "code": (
+        lambda at: change(at / "config.json", model_type="evil", auto_map=REFS),
+        "its own Python code",
+    ),
+    "code of an unknown tokenizer": (
+        lambda at: change(
+            at / "tokenizer_config.json",
+            tokenizer_class="EvilTokenizer",
+            auto_map={"AutoTokenizer": ["evil.Evil", "evil.Evil"], "AutoProcessor": "evil.Evil"},
+        ),
+        "its own Python code",
+    ),
     "code of a tokenizer": (
         lambda at: change(at / "tokenizer_config.json", tokenizer_class="AutoModel"),
         "'AutoModel', which is no class of a tokenizer",
@@ -336,8 +347,10 @@ def test_a_name_on_the_hub_downloads_no_code_and_no_pickle(monkeypatch, tmp_path
 
 def test_an_old_version_that_runs_the_code_of_folders_is_refused(monkeypatch, sentence_folder):
     monkeypatch.setattr(
-        "wordcraft_kg.apps.elicitation.foreign_code.version",
+        "wordcraft_kg.base.extras.version",
         lambda name: "5.1.0" if name == "sentence-transformers" else version(name),
     )
-    with pytest.raises(MissingExtraError, match=r"sentence-transformers 5\.1\.0 runs .* 6\.0\.1"):
+    with pytest.raises(
+        MissingExtraError, match=r"has version 5\.1\.0, expected >=6\.0\.1; earlier"
+    ):
         encode_labels(["flour"], sentence_folder)

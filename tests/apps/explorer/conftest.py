@@ -32,9 +32,7 @@ from wordcraft_kg.graphs import (
 from wordcraft_kg.models.scorers.baselines import KernelScorer, NeighbourScorer
 
 SHORT = ImpalaConfig(steps=1_024, batch_size=16, log_every=128, eval_every=512)
-LEARNED = PolicyConfig(
-    features="learned", embedding_size=8, key_size=8, value_size=8, hidden_size=8
-)
+LEARNED = PolicyConfig(features="random", key_size=8, value_size=8, hidden_size=8)
 
 
 @pytest.fixture(scope="session")

@@ -46,7 +46,7 @@ def test_a_task_leads_to_its_episode_with_the_ending_that_the_table_counts(agent
                     row.plans,
                 )
                 assert (episode.terminations[seed] == "goal") == (
-                    episode.first.episode.outcome == "goal"
+                    episode.agents[0].explained.episode.outcome == "goal"
                 )
             assert episode.terminations.count("goal") == row.won
 
@@ -80,13 +80,13 @@ def test_tasks_are_shown_without_any_agent(kitchen_folder):
 def test_an_episode_is_what_the_agent_explains(agents, run):
     agent = open_agent(agents.runs[run], agents.opened)
     world = World(agents.opened, agent.config.tasks.environment("train"))
-    explainer = Explainer(agent.policy, world, kg=agent.run.kg or "partial")
+    explainer = Explainer(agent.policy, world, trained_on=agent.trained_on)
     state = EpisodeState(run=run, part="train", task=11, distractor_seed=2)
-    first = view_of(agents, state).first
+    first = view_of(agents, state).agents[0].explained
     assert first == explainer.task(11, 2)
     labels = agents.opened.graph.labels(explainer.tables.table(4)[:3])
     edited = EpisodeState(run=run, part="train", task=4, goal="bread", table=labels)
-    assert view_of(agents, edited).first == explainer.table("bread", labels, like=4)
+    assert view_of(agents, edited).agents[0].explained == explainer.table("bread", labels, like=4)
     page = look(agents, state).page
     for slot in (slot for step in first.episode.steps for slot in step.slots):
         assert f"<td>{slot.logit:.2f}</td><td>{100 * slot.probability:.1f} %</td>" in page
@@ -98,7 +98,6 @@ def test_agents_are_asked_at_one_table_by_one_world_s_rules(agents):
     assert guided.explained.table == plain.explained.table == shown.table
     assert plain.explained.model == "no_scorer"
     assert (mlp.explained, "this mlp was made for" in mlp.problem) == (None, True)
-    assert guided.folds == 3
     assert (
         "not available: "
         in look(agents, EpisodeState(task=5, distractor_seed=1, other=("plain", "mlp"))).text
@@ -126,7 +125,7 @@ def test_in_sample_scores_are_marked(agents, recipes_folder):
     both = EpisodeState(
         goal=graph.entities[goal], table=graph.labels(dict.fromkeys([*ways[0], *ways[1]]))
     )
-    shown = view_of(agents, both).first
+    shown = view_of(agents, both).agents[0].explained
     learned = {" + ".join(sorted(graph.labels(way))) for way in ways[:2]}
     assert learned <= {" + ".join(recipe.ingredients) for recipe in shown.in_sample}
     unseen = msgspec.structs.replace(
@@ -137,7 +136,7 @@ def test_in_sample_scores_are_marked(agents, recipes_folder):
     text = look(agents, both).text
     assert all(shown in text for shown in ("in-sample This model was trained on", *learned))
     one = EpisodeState(goal=both.goal, table=graph.labels(dict.fromkeys(ways[0])))
-    assert view_of(agents, one).first.in_sample == ()
+    assert view_of(agents, one).agents[0].explained.in_sample == ()
     text = look(agents, one).text
     assert ("in-sample This model" in text, "model trained without fold" in text) == (False, True)
 
@@ -155,10 +154,7 @@ def test_the_runs_are_what_their_records_say(agents):
         assert (row.steps, row.status, row.is_live) == (summary["steps"], "done", False)
     guided, plain, mlp = view.runs
     assert (guided.scorer, guided.use, guided.kg) == ("kitchen-recipes", ("u", "v", "w"), "partial")
-    assert (plain.scorer, plain.use, plain.lambdas, mlp.policy) == ("", (), {}, "mlp")
-    last = lines_of(agents.runs["guided"] / "metrics.jsonl")[-1]
-    assert guided.lambdas["w"] == (last["lambda_w_first"], last["lambda_w_second"])
-    assert view.sources == ("alpha", "u", "v", "w")
+    assert (plain.scorer, plain.use, mlp.policy) == ("", (), "mlp")
 
 
 def test_a_run_shows_curves_and_settings_but_no_folders(agents, tmp_path):

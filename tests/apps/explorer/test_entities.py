@@ -8,19 +8,15 @@ from helpers import refuses
 
 from tests.apps.explorer.shown import (
     explored_graph,
-    look,
     view_by,
     view_of,
 )
-from wordcraft_kg import ComplExConfig, LinksConfig, RecipeGraph, train_links
-from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg import RecipeGraph
 from wordcraft_kg.apps.explorer.page import paging
 from wordcraft_kg.apps.explorer.pages import entities
 from wordcraft_kg.apps.explorer.pages.entities import (
+    EntitiesState,
     EntityState,
-    RecipesState,
-    list_entities,
-    search_entities,
 )
 from wordcraft_kg.apps.explorer.pages.home import HomeState
 from wordcraft_kg.graphs import PARTS, layers
@@ -45,23 +41,6 @@ def test_what_needs_no_craft_or_cannot_be_made_is_not_far_from_the_base(rows, fu
     assert (overview.furthest, overview.most_used) == (furthest, most_used)
 
 
-@pytest.mark.parametrize(
-    ("settings", "train_sample"),
-    [
-        ({}, ""),
-        (
-            {"train_fraction": 0.5, "label_noise": 0.25},
-            "50 % of the train recipes, 25 % of them with a wrong result",
-        ),
-    ],
-)
-def test_a_model_that_was_taught_a_dose_says_of_what(settings, train_sample, tmp_path):
-    config = LinksConfig("kitchen", ComplExConfig(dim=2, epochs=1, n3=0.1, folds=0, **settings))  # type: ignore[arg-type]
-    explored = Explored.open("kitchen", [train_links(config, tmp_path / "model").folder])
-    assert [line.train_sample for line in view_of(explored, HomeState()).models] == [train_sample]
-    assert f">{train_sample or 'train recipes'}<" in look(explored, HomeState()).page
-
-
 @pytest.mark.parametrize("total", [0, 1, 19, 20, 21, 40, 41])
 def test_pages_together_hold_every_row_once(total):
     rows = list(range(total))
@@ -76,7 +55,7 @@ def test_pages_together_hold_every_row_once(total):
             paging(total, page, 20)
 
 
-def test_the_list_has_every_entity_in_the_order_asked_for(kitchen, monkeypatch):
+def test_the_list_has_every_entity_by_label(kitchen, monkeypatch):
     monkeypatch.setattr(entities, "ENTITIES_A_PAGE", 7)
     layer = layers(kitchen).tolist()
     made = [
@@ -85,36 +64,20 @@ def test_the_list_has_every_entity_in_the_order_asked_for(kitchen, monkeypatch):
     used = [
         sum(i in row[:2] for row in kitchen.recipes.tolist()) for i in range(kitchen.num_entities)
     ]
-    keys = {
-        "label": lambda i: 0,
-        "layer": lambda i: layer[i] if layer[i] >= 0 else 10**6,
-        "recipes": lambda i: -made[i],
-        "uses": lambda i: -used[i],
-    }
-    for order, key in keys.items():
-        expected = [
-            (kitchen.entities[i], layer[i] if layer[i] >= 0 else None, made[i], used[i])
-            for i in sorted(range(kitchen.num_entities), key=lambda i: (key(i), i))
-        ]
-        pages = list_entities(kitchen, "", order).paging.pages
-        rows = [
-            row
-            for page in range(1, pages + 1)
-            for row in list_entities(kitchen, "", order, page).entities
-        ]
-        assert [(row.entity, row.layer, row.recipes, row.uses) for row in rows] == expected
+    explored = explored_graph(kitchen)
+    pages = view_of(explored, EntitiesState()).paging.pages
+    rows = [
+        (row.entity, row.layer, row.recipes, row.uses)
+        for page in range(1, pages + 1)
+        for row in view_of(explored, EntitiesState(page=page)).entities
+    ]
+    assert rows == list(zip(kitchen.entities, layer, made, used, strict=True))
 
 
 def test_an_entity_that_cannot_be_made_has_no_layer():
-    graph = RecipeGraph.from_recipes([("a", "b", "c"), ("d", "d", "d2")], base=["a", "b"])
-    assert [row.layer for row in list_entities(graph).entities] == [0, 0, 1, None, None]
-    assert [row.entity for row in list_entities(graph, order="layer").entities] == [
-        "a",
-        "b",
-        "c",
-        "d",
-        "d2",
-    ]
+    explored = explored_graph([("a", "b", "c"), ("d", "d", "d2")], ["a", "b"])
+    shown = [row.layer for row in view_of(explored, EntitiesState()).entities]
+    assert shown == [0, 0, 1, None, None]
 
 
 @pytest.mark.parametrize(
@@ -125,7 +88,7 @@ def test_an_entity_that_cannot_be_made_has_no_layer():
             "pie",
             ("pie", "piece", "apple pie", "magpie"),
         ),
-        ([("pie", "tree", "piece")], "  ", ()),
+        ([("pie", "tree", "piece")], "  ", ("pie", "piece", "tree")),
         ([("Crème brûlée", "ICE", "Straße")], "creme BRU", ("Crème brûlée",)),
         ([("Crème brûlée", "ICE", "Straße")], "strasse", ("Straße",)),
         (
@@ -138,9 +101,8 @@ def test_an_entity_that_cannot_be_made_has_no_layer():
 def test_a_search_takes_labels_then_beginnings_words_and_parts(rows, wanted, expected):
     """A search takes the label itself then beginnings words and parts without case and accents."""
     graph = RecipeGraph.from_recipes(rows)
-    assert search_entities(graph, wanted) == expected
-    assert search_entities(graph, wanted, limit=2) == expected[:2]
-    assert list_entities(graph, wanted).paging.total == len(expected) or not wanted.strip()
+    rows = view_of(explored_graph(graph), EntitiesState(wanted)).entities
+    assert tuple(row.entity for row in rows) == expected
 
 
 def test_recipes_that_make_and_use_an_entity_have_their_parts(neighbours, monkeypatch):
@@ -179,9 +141,3 @@ def test_the_nearest_in_the_model_are_not_the_entity_itself(neighbours):
     cosines = [row.cosine for row in found]
     assert cosines == sorted(cosines, reverse=True)
     assert cosines[0] > 0.3
-
-
-def test_the_partner_of_an_entity_may_be_itself():
-    explored = explored_graph([("a", "a", "b"), ("a", "z", "b"), ("Z", "a", "b")])
-    rows = view_of(explored, RecipesState("a")).recipes
-    assert [row.partners("a") for row in rows] == [("Z",), ("a",), ("z",)]

@@ -9,7 +9,6 @@ from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages.entities import EntityState, RecipesState
 from wordcraft_kg.apps.explorer.pages.link import LinkState, PairState
-from wordcraft_kg.apps.explorer.pages.path import PathState as Goal
 from wordcraft_kg.apps.explorer.predictor import NEW, recipes_giving
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
@@ -32,30 +31,28 @@ def test_a_link_has_the_score_ranks_and_probability_that_reports_give_it(kernel)
         view = view_by(
             kernel, LinkState(graph.entities[head], RELATIONS[relation], graph.entities[tail])
         )
-        assert view.score == pytest.approx(float(scorer.score(head, relation, tail)))
-        assert view.as_tail.rank == ranks["rank"].iloc[row]
-        assert view.as_head.rank == ranks["rank"].iloc[row + len(triples)]
-        assert view.as_head.candidates == ranks["candidates"].iloc[row + len(triples)]
-        is_learned = view.known == "train"
-        assert (view.status == "learned") == bool(view.reason.learned_from) == is_learned
+        link = view.link
+        assert link.score == pytest.approx(float(scorer.score(head, relation, tail)))
+        assert link.rank == ranks["rank"].iloc[row]
+        assert view.head_rank == ranks["rank"].iloc[row + len(triples)]
+        is_learned = link.known == "train"
+        assert (link.status == "learned") == bool(link.reason.learned_from) == is_learned
         chance = (
             None if is_learned else pytest.approx(float(scorer.probability(head, relation, tail)))
         )
-        assert view.probability == chance
-        assert {row.part for row in view.recipes} >= {view.known}
-        statuses.add((view.status, view.known))
+        assert link.probability == chance
+        assert {row.part for row in view.recipes} >= {link.known}
+        statuses.add((link.status, link.known))
     assert statuses == {("learned", "train"), ("held out", "valid"), ("held out", "test")}
 
 
 def test_a_link_that_is_not_in_the_book_says_so(kernel):
     itself = view_by(kernel, LinkState("bread", "componentOf", "bread"))
-    assert (itself.status, itself.known, itself.recipes) == ("itself", "new", ())
-    assert itself.probability is not None
+    assert (itself.link.status, itself.link.known, itself.recipes) == ("itself", "new", ())
+    assert itself.link.probability is not None
     other = view_by(kernel, LinkState("bread", "componentOf", "water"))
-    assert (other.status, other.recipes) == ("not in the book", ())
-    assert {row.entity for row in other.tails.best}.isdisjoint(
-        {"water"}
-    ) or other.as_tail.rank <= 10
+    assert (other.link.status, other.recipes) == ("not in the book", ())
+    assert {row.entity for row in other.tails.best}.isdisjoint({"water"}) or other.link.rank <= 10
     for slot, ends in ((other.tails, ("bread", None)), (other.heads, (None, "water"))):
         assert (slot.head, slot.tail, len(slot.best)) == (*ends, 10)
 
@@ -93,7 +90,7 @@ def test_a_scorer_of_links_says_only_whether_a_pair_combines(kernel, explored):
     assert view.link.score == pytest.approx(
         float(kernel.model.scorer.score(link.head, COMBINES_WITH, link.tail))
     )
-    assert view.link.rank == view_by(kernel, link).as_tail
+    assert view.link.rank == view_by(kernel, link).link.rank
     texts = [
         look(explored, PairState("flour", "water", f"kitchen-{name}")).text
         for name in ("complex", "recipes")
@@ -102,17 +99,11 @@ def test_a_scorer_of_links_says_only_whether_a_pair_combines(kernel, explored):
     assert "Results, if the pair combines" in texts[1]
 
 
-@pytest.mark.parametrize("page", [PairState(model="kitchen-recipes"), Goal()], ids=["pair", "path"])
-def test_an_example_offers_others_and_a_choice_does_not(explored, page):
-    examples = view_of(explored, page).examples
-    assert len(set(examples)) == 3
-    text = look(explored, page).text
-    assert all(
-        (one if isinstance(page, Goal) else " + ".join(one)) in text.split("try another: ")[1]
-        for one in examples
-    )
-    chosen = Goal("bread") if isinstance(page, Goal) else PairState("flour", "water")
-    assert "try another" not in look(explored, chosen).text
+def test_suggestions_for_the_book_are_made_once(explored):
+    page = PAGES["suggestions"]
+    first, again = (page.view(explored, page.state(model="kitchen-recipes")) for _ in range(2))
+    assert first.answer.suggestions
+    assert first.answer is again.answer
 
 
 def test_a_book_without_a_split_has_pages_too(of_recipes):

@@ -46,13 +46,14 @@ def hostile_client(hostile):
 
 def test_every_page_of_the_menu_has_its_view_as_json(client, explored):
     for page in PAGES.values():
-        if page.title and not page.is_live:
+        if page.title:
             answer = client.get(f"/{page.name}?format=json")
             assert answer.json() == as_values(page.view(explored, page.state()))
 
 
 @pytest.mark.parametrize(
-    "address", ["/home", "/nothing", "/search?q=a", "/files/explorer.css", "/entity/nothing"]
+    "address",
+    ["/home", "/nothing", "/entities?q=a&format=json", "/files/explorer.css", "/entity/nothing"],
 )
 def test_every_answer_has_the_security_headers(client, address):
     answer = client.get(address)
@@ -94,25 +95,9 @@ def test_no_path_leads_out_of_the_site(client, path):
 
 
 @pytest.mark.parametrize(
-    ("path", "is_meant"),
-    [
-        *[("/entity/brea", True), ("/path?entity=brea", True)],
-        *[("/run/brea", False), ("/entity/bread?model=x", False)],
-    ],
-)
-def test_entities_are_offered_where_an_entity_is_not_there(client, path, is_meant):
-    answer = client.get(path)
-    assert answer.status_code == 404
-    assert ("Similar names" in answer.text, "/entity/bread" in Shown(answer.text).links) == (
-        is_meant,
-        is_meant,
-    )
-
-
-@pytest.mark.parametrize(
     ("address", "status", "message"),
     [
-        ("/entities?sort=size", 400, "size"),
+        ("/recipes/bread?use=size", 400, "size"),
         ("/entities?page=99", 400, "page"),
         ("/entities?q=%ff", 400, "UTF-8"),
         ("/entities?q=" + "a" * (LONGEST_ADDRESS - 100), 200, ""),
@@ -125,11 +110,6 @@ def test_entities_are_offered_where_an_entity_is_not_there(client, path, is_mean
 def test_an_address_that_cannot_be_read_is_an_error(client, address, status, message):
     answer = client.get(address)
     assert (answer.status_code, message in answer.text) == (status, True)
-
-
-def test_search_finds_labels_and_their_addresses(client):
-    assert client.get("/search?q=BRE").json()[0] == ["bread", "/entity/bread"]
-    assert client.get("/search?q=").json() == client.get("/search?q=zzzz").json() == []
 
 
 def test_a_page_is_sent_at_once():
@@ -208,7 +188,6 @@ def test_the_json_of_a_page_is_json_whatever_its_labels_are(hostile_client):
         ("--port 70000", "70000", "ConfigError"),
         ("--host no.such.host.invalid", "unknown host", "ConfigError"),
         ("--host 203.0.113.7", "not an address of this machine", "ConfigError"),
-        ("--force", "--export", "ConfigError"),
         ("--model nowhere", "nowhere", "ArtefactError"),
         ("--run nowhere", "nowhere", "ArtefactError"),
     ],

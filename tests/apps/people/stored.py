@@ -19,7 +19,8 @@ def lines_of(folder):
                 for name, value in line.items()
             }
         )
-        for line in read_study(folder).lines()
+        for session in read_study(folder)
+        for line in session.lines()
     ]
 
 

@@ -11,8 +11,8 @@ import torch
 
 from tests.apps.people.stored import answered, other_world, posed
 from wordcraft_kg.agents.agent_folder import open_agent
-from wordcraft_kg.apps.people.answers_database import Cell, Participant, StoredAnswer
-from wordcraft_kg.apps.people.study import HumanStudy, ReadStudy, Session
+from wordcraft_kg.apps.people.answers_database import Cell, Participant
+from wordcraft_kg.apps.people.study import HumanStudy, Session
 from wordcraft_kg.apps.people.study_config import StudyConfig
 from wordcraft_kg.apps.people.summary import AgentGame, agent_successes, view_people
 from wordcraft_kg.base import ArtefactError, GraphMismatchError, checked_values
@@ -27,7 +27,7 @@ def session(study, right, form=0):
     protocol = study.protocol(cell)
     answers = tuple(answered(protocol, task, digit == "1") for task, digit in turns)
     assert [answer.success for answer in answers] == [digit == "1" for digit in right]
-    return Session(study.record, cell, answers)
+    return Session(study.record, Participant(1, cell), answers)
 
 
 def study_of(graph, distractors=8, tasks=3):
@@ -39,22 +39,17 @@ def study(kitchen):
     return study_of(kitchen)
 
 
-def read(session):
-    """Return a study as if it was read from a folder, with one person."""
-    answers = tuple(StoredAnswer(answer, 1) for answer in session.answers)
-    return ReadStudy(session.record, {Participant(1, session.cell): answers})
-
-
 def summed(*sessions, agents=None):
-    studies = {Path(str(number)): read(one) for number, one in enumerate(sessions)}
-    view = view_people(studies, agents)
+    """Sum up studies of one person each."""
+    studies = {Path(str(number)): [one] for number, one in enumerate(sessions)}
+    view = view_people(studies, agents or {})
     checked_values(view)
     return view
 
 
 def test_each_part_is_summed_up_over_all_sessions(study):
     view = summed(*(session(study, right) for right in ("110100", "1110", "")))
-    assert (view.graph, view.sessions, view.finished) == ("kitchen", 3, 1)
+    assert view.graph == "kitchen"
     assert view.settings == study.record.settings
     (condition,) = view.conditions
     assert (condition.distractors, condition.sessions, condition.finished) == (8, 3, 1)
@@ -106,7 +101,7 @@ def test_another_graph_or_split_is_not_summed_up(study, kitchen, what):
 def test_a_session_is_not_counted_twice_but_unbegun_ones_are_alike(study):
     with pytest.raises(ArtefactError, match="1 has the same answers as 0"):
         summed(session(study, "10"), session(study, "10"))
-    assert summed(session(study, ""), session(study, "")).sessions == 2
+    assert summed(session(study, ""), session(study, "")).conditions[0].sessions == 2
 
 
 @pytest.fixture(scope="module")
@@ -165,7 +160,7 @@ def test_an_agent_is_compared_at_the_table_of_each_answer(agent):
         for seed, one in zip((0, 0, 1), people, strict=True):
             for answer in one.answers:
                 if answer.part == part:
-                    shown = posed(study.protocol(one.cell), seed, part, answer.number)
+                    shown = posed(study.protocol(one.person.cell), seed, part, answer.number)
                     expected.append(is_solved(agent.policy, *shown))
         rate = row.agents["guided"]
         assert (rate.successes, row.answered) == (sum(expected), len(expected))

@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from helpers import refuses
 
@@ -47,7 +48,6 @@ from wordcraft_kg.base import (
     OutputExistsError,
     as_values,
 )
-from wordcraft_kg.base.statistics import wilson_interval
 from wordcraft_kg.graphs import SplitConfig, make_split
 
 SMALL = StudyConfig(tasks=3, distractors=(1, 8), forms=2, seed=5)
@@ -114,8 +114,8 @@ def test_codes_are_read_as_people_type_them():
         "x" * 10_000,
     ],
 )
-def test_what_is_no_code_is_none(typed):
-    assert read_code(typed) is None
+def test_what_is_no_code_is_empty(typed):
+    assert read_code(typed) == ""
 
 
 def test_codes_differ_and_have_nothing_that_looks_alike():
@@ -180,7 +180,7 @@ def test_a_code_begins_one_session(study, folder, answers):
     person = answers.begin(code, study.cells)
     assert answers.begin(code, study.cells) == person == answers.find(code)
     assert answers.find(code_hash(new_code())) is None
-    assert len(read_study(folder).answers) == 1
+    assert len(read_study(folder)) == 1
 
 
 def test_the_first_answer_to_a_task_stays(study, folder, answers):
@@ -194,7 +194,7 @@ def test_the_first_answer_to_a_task_stays(study, folder, answers):
     answers.show(person, task.part, task.number, 20.0)  # a page that was loaded late
     assert answers.shown(person, task.part, task.number) is None
     assert not answers.add(person, second)
-    assert answers.answers_of(person) == [first]
+    assert answers.answers_of(person) == (msgspec.structs.replace(first, loads=1),)
     assert [line.actions for line in lines_of(folder)] == [first.actions]
 
 
@@ -232,11 +232,11 @@ def test_answers_are_read_while_they_are_served_and_afterwards(study, folder, an
         read = read_study(folder)
     assert sorted(contents(folder)) == FILES
     for found in (served, read):
-        assert [len(session.answers) for session in found.sessions] == [6, 4, 0]
-        assert [session.is_finished for session in found.sessions] == [True, False, False]
-        for person, session in zip(people, found.sessions, strict=True):
-            assert list(session.answers) == given[person.number]
-            assert (session.record, session.cell) == (study.record, person.cell)
+        assert [len(session.answers) for session in found] == [6, 4, 0]
+        assert [session.is_finished for session in found] == [True, False, False]
+        for person, session in zip(people, found, strict=True):
+            assert session.answers == given[person.number]
+            assert (session.record, session.person) == (study.record, person)
         assert [line.session for line in lines_of(folder)] == [1] * 6 + [2] * 4
         assert [line.part for line in lines_of(folder)] == ["train"] * 3 + ["test"] * 3 + [
             "train"
@@ -257,14 +257,14 @@ def test_what_was_stored_is_there_after_a_kill(study, killed, has_index):
     if not has_index:
         (killed / f"{ANSWERS_FILE}-shm").unlink()
     stored = (killed / ANSWERS_FILE).read_bytes()
-    assert [len(session.answers) for session in read_study(killed).sessions] == [4]
+    assert [len(session.answers) for session in read_study(killed)] == [4]
     assert (killed / ANSWERS_FILE).read_bytes() == stored
     with closing(opened(killed)) as answers:
         person = answers.find("0" * 64)
         assert answers.shown(person, "test", 2) == 200.0
         go_on(answers, study, person)
     assert sorted(contents(killed)) == FILES
-    assert read_study(killed).sessions[0].is_finished
+    assert read_study(killed)[0].is_finished
 
 
 def test_a_withdrawn_answer_is_in_no_file_while_the_study_goes_on(study, folder, answers):
@@ -308,7 +308,7 @@ def test_a_folder_that_cannot_be_written_is_refused_at_the_start(folder, monkeyp
     ("changes", "message"),
     [
         ({"tasks": 4}, "tasks_per_part 3, but this command has 4"),
-        ({"distractors": (8, 1)}, "distractors 1, 8, but this command has 8, 1"),
+        ({"distractors": (8, 1)}, r"distractors \[1, 8\], but this command has \[8, 1\]"),
         ({"forms": 3}, "forms 2, but"),
         ({"seed": 6}, "seed 5, but"),
         ({"consent": "Do you?"}, "another text"),
@@ -455,11 +455,6 @@ def test_the_tasks_of_a_seed_stay_as_begun_studies_have_them(protocol):
         assert start <= {*task.table} - {task.goal}
 
 
-def test_a_negative_seed_is_refused(protocol):
-    with refuses("seed"):
-        protocol.task(-1, "train", 1)
-
-
 def test_an_answer_is_what_an_environment_says_of_the_same_picks(protocol):
     outcomes = set()
     for part, number in schedule():
@@ -497,14 +492,8 @@ def test_episode_seeds_differ_by_seed_part_and_number_and_never_change():
 
 
 def test_the_record_and_an_answer_have_nothing_about_people(study, protocol, kitchen):
-    settings = {"tasks_per_part": 3, "depth": 1, "attempts": 1}
-    weights = {
-        "distractor_weighting": "use",
-        "distractor_policy": "any",
-        "task_weighting": "task",
-        "ambiguity": "all",
-    }
-    assert study.record.settings == settings | weights
+    settings = {"tasks_per_part": 3, "depth": 1, "attempts": 1, "distractor_weighting": "use"}
+    assert study.record.settings == settings
     assert study.record.graph_hash == kitchen.hash
     assert study.record.split_hash == make_split(kitchen, SplitConfig()).hash
     answer = protocol.answer(protocol.task(0, "train", 1), (0, 1), 1.5)
@@ -517,10 +506,5 @@ def test_the_record_and_an_answer_have_nothing_about_people(study, protocol, kit
         "made",
         "success",
         "seconds",
+        "loads",
     ]
-
-
-@pytest.mark.parametrize(("successes", "n"), [(0, 0), (-1, 3), (4, 3)])
-def test_a_rate_that_cannot_be_is_refused(successes, n):
-    with pytest.raises(ConfigError, match="expected"):
-        wilson_interval(successes, n)

@@ -73,7 +73,7 @@ class Browser:
         return self.answers.find(code_hash(code))
 
     def people(self):
-        return len(read_study(self.folder).answers)
+        return len(read_study(self.folder))
 
     def lines(self):
         return lines_of(self.folder)
@@ -165,8 +165,8 @@ def test_who_withdraws_leaves_nothing_behind_and_nobody_gets_their_place(browser
     ("typed", "status", "said"),
     [
         (CODE, 404, "There is no session with this code"),
-        ("<b>", 400, "12 letters"),
-        ("", 400, "12 letters"),
+        ("<b>", 404, "12 letters"),
+        ("", 404, "12 letters"),
     ],
 )
 def test_a_code_that_leads_nowhere_is_answered_on_the_first_page(browser, typed, status, said):

@@ -160,7 +160,8 @@ def test_the_export_has_a_line_for_each_answer_and_the_study_stays(summary, begu
 
 def test_the_summary_of_a_study_is_by_condition_with_its_people(summary, begun):
     values = json.loads(summary(begun, "--json").out)
-    assert (values["graph"], values["sessions"], values["finished"]) == ("kitchen", 4, 1)
+    assert values["graph"] == "kitchen"
+    assert [one["finished"] for one in values["conditions"]] == [1, 0]
     answered = [
         [part["answered"] for part in one["parts"].values()] for one in values["conditions"]
     ]
@@ -174,7 +175,7 @@ def test_the_summary_of_a_study_is_by_condition_with_its_people(summary, begun):
 
 
 def test_a_summary_refuses_what_it_cannot_sum_up(summary, begun, tmp_path):
-    assert "given twice" in refused(summary(begun, begun))
+    assert summary(begun, begun).out == summary(begun).out
     assert "expected a study" in refused(summary())
     for path in (begun / "study.json", tmp_path, tmp_path / "nowhere"):
         refused(summary(path), "ArtefactError")

@@ -50,7 +50,7 @@ def picks_of(player, world, distractor_seeds):
 
 
 def assert_same(found, expected):
-    for name in ("tasks", "success", "by_plan", "actions", "terminations"):
+    for name in ("tasks", "success", "by_plan", "actions"):
         assert np.array_equal(getattr(found, name), getattr(expected, name)), name
     assert found.metrics() == expected.metrics()
 

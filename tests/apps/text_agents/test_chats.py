@@ -13,9 +13,8 @@ from wordcraft_kg.apps.text_agents.benchmark import read_manifest
 from wordcraft_kg.apps.text_agents.chats import (
     CLOSING,
     WORDINGS,
-    ChatCounts,
-    ChatSettings,
     chat_rows,
+    new_counts,
     recipe_scorer,
     worded_rules,
 )
@@ -35,11 +34,10 @@ def kitchen_plays(*depths, part="train", attempts=None):
 
 
 def rows_of(plays, player=recipe_oracle, **settings):
-    counts = ChatCounts()
-    rows = [*chat_rows(plays, player, ChatSettings(**settings), counts)]
-    assert counts.written == len(rows)
-    kept = counts.written + counts.left_out + counts.repeated
-    assert kept == counts.played
+    counts = new_counts()
+    rows = [*chat_rows(plays, player, counts, **settings)]
+    assert counts["written"] == len(rows) == counts["by_depth"].total()
+    assert counts["written"] + counts["left_out"] + counts["repeated"] == counts["played"]
     return rows, counts
 
 
@@ -79,7 +77,8 @@ def test_text_conversations_are_those_of_players_by_text():
     rows, _ = rows_of([play], style="text", tasks=30)
     games = GameList({"train": [play]})
     for row in rows:
-        talk = games.named(row["id"]).begin()
+        _, *game = games.named(row["id"])
+        talk = play.begin(*game)
         rules, *turns = row["messages"]
         assert rules == {
             "role": "system",
@@ -97,7 +96,7 @@ def test_text_conversations_are_those_of_players_by_text():
 def test_equal_conversations_are_written_once():
     plays = kitchen_plays(1)
     rows, counts = rows_of([*plays, *plays], tasks=20)
-    assert (len(rows), counts.repeated) == (20, 20)
+    assert (len(rows), counts["repeated"]) == (20, 20)
 
 
 def test_orders_wordings_and_distractors_vary():
@@ -105,16 +104,16 @@ def test_orders_wordings_and_distractors_vary():
     answers = [row["messages"][2]["content"].split(" + ") for row in rows]
     ordered = [answer == sorted(answer) for answer in answers if len({*answer}) == 2]
     assert 0.35 < sum(ordered) / len(ordered) < 0.65
-    assert {*counts.by_wording} == {*range(len(WORDINGS) + 1)}
+    assert {*counts["by_wording"]} == {*range(len(WORDINGS) + 1)}
     assert len({row["messages"][0]["content"] for row in rows}) == len(WORDINGS) + 1
     tables = Counter(row["messages"][1]["content"] for row in rows)
     assert max(tables.values()) == 1
 
 
 def test_mistakes_are_marked_and_made_good_or_lost():
-    rows, counts = rows_of(kitchen_plays(1, attempts=2), kept="all", mistakes=0.6, style="text")
-    assert counts.lost == sum(not row["made"] for row in rows)
-    assert counts.recovered == sum(row["made"] and bool(row["mistakes"]) for row in rows) > 20
+    rows, counts = rows_of(kitchen_plays(1, attempts=2), keep="all", mistakes=0.6, style="text")
+    assert counts["lost"] == sum(not row["made"] for row in rows)
+    assert counts["recovered"] == sum(row["made"] and bool(row["mistakes"]) for row in rows) > 20
     replies = Counter()
     for row in rows:
         for place in row["mistakes"]:
@@ -123,8 +122,8 @@ def test_mistakes_are_marked_and_made_good_or_lost():
             replies["invalid" if reply.startswith("Invalid") else "nothing"] += 1
             assert last or reply.startswith("Invalid") or reply.endswith("-> nothing")
     assert min(replies["invalid"], replies["nothing"]) > 20
-    _, short = rows_of(kitchen_plays(1), kept="all", mistakes=0.6)
-    assert short.lost > 10
+    _, short = rows_of(kitchen_plays(1), keep="all", mistakes=0.6)
+    assert short["lost"] > 10
 
 
 def test_each_row_has_the_mark_of_the_benchmark_but_no_request():
@@ -258,8 +257,8 @@ def graphs(request, tmp_path_factory):
 
 def chats(graph, games):
     play = open_play(graph, "train", 2, 3, 3)
-    settings = ChatSettings(kept="all", tasks=games, tables=1 + games // 500)
-    return [*chat_rows([play], random_distinct, settings, ChatCounts())]
+    settings = {"keep": "all", "tasks": games, "tables": 1 + games // 500}
+    return [*chat_rows([play], random_distinct, new_counts(), **settings)]
 
 
 def pair_of(table, rng):

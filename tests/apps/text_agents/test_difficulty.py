@@ -71,7 +71,7 @@ def test_a_range_chooses_the_same_tasks_for_every_interface():
     }
     assert 0 < len(chosen) < len(world.tasks)
     games = GameList({"test": [play]}, limits)
-    assert [games.at("test", index).task for index in range(games.count("test"))] == [*chosen]
+    assert [games.at("test", index)[1] for index in range(games.count("test"))] == [*chosen]
     outside = next(task for task in range(len(world.tasks)) if task not in chosen)
     with pytest.raises(ConfigError, match="is no game of this server"):
         games.named(f"everyday-test-1-8-{outside}-0")

@@ -11,7 +11,7 @@ from starlette.testclient import TestClient
 
 from wordcraft_kg import RecipeGraph, open_graph
 from wordcraft_kg.apps.text_agents import browser_game as game
-from wordcraft_kg.apps.text_agents.browser_game import export_game, icons_of, make_game_app
+from wordcraft_kg.apps.text_agents.browser_game import export_game, make_game_app
 from wordcraft_kg.base.errors import ConfigError
 
 SETS = "examples/kitchen-sets.csv"
@@ -85,15 +85,6 @@ def test_the_command_writes_the_file_and_names_it(run, tmp_path):
     outcome = run("play", "kitchen", "--export", path, "--json")
     assert (outcome.code, json.loads(outcome.out)) == (0, {"game": str(path)})
     assert path.is_file()
-
-
-def test_icons_come_from_a_column_named_emoji(put):
-    path = put(
-        "# base: water, earth, fire\nfirst,second,result,emoji\nwater,earth, mud ,🟤\nmud,fire,brick,\n"
-    )
-    graph = open_graph(path).graph
-    assert icons_of(str(path), graph) == {graph.id_of("mud"): "🟤"}
-    assert icons_of("kitchen", graph) == {}
 
 
 def test_a_book_in_which_everything_has_a_recipe_is_refused(tmp_path):

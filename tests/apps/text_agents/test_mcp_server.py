@@ -32,7 +32,7 @@ from wordcraft_kg.apps.text_agents.mcp_server import (
     make_server,
     tools_hash,
 )
-from wordcraft_kg.apps.text_agents.plays import Play
+from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, open_play
 from wordcraft_kg.apps.text_agents.results import (
     GamesHeader,
     evaluation_of,
@@ -40,7 +40,6 @@ from wordcraft_kg.apps.text_agents.results import (
     read_games,
     record_of,
 )
-from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.apps.text_agents.submission import verify
 from wordcraft_kg.apps.web.serving import listen
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, EpisodeError
@@ -62,11 +61,8 @@ def world(games):
     return games.world
 
 
-def hosted(**options):
-    settings = GameSettings(
-        **({"distractors": 3} if "open_ended" not in options else {}), **options
-    )
-    return HostedGames(Play.open("kitchen", settings, max_invalid=NEVER))
+def hosted():
+    return HostedGames(open_play("kitchen", "test", 1, 3, max_invalid=NEVER))
 
 
 def connect(server, use, mode="auto"):
@@ -259,7 +255,8 @@ def test_the_open_ended_world_has_no_tasks_and_no_goal(opened_kitchen):
         assert text.startswith(f"{one} + {other} -> nothing new (already tried)")
         assert again["new"] == []
 
-    connect(make_server(hosted(open_ended=True, attempts=4)), play)
+    games = DiscoveryGames(opened_kitchen, attempts=4, max_invalid=NEVER)
+    connect(make_server(HostedGames(games)), play)
 
 
 def test_finished_games_are_forgotten_first_then_the_oldest(tmp_path):
@@ -274,8 +271,8 @@ def test_finished_games_are_forgotten_first_then_the_oldest(tmp_path):
     for name in names[1:3]:
         with pytest.raises(EpisodeError):
             host.game(name)
-    assert [(one.task, one.termination, one.messages[1]) for one in games_of(path)] == [
-        (task, "no_recipe", "end") for task in (2, 1)
+    assert [(one.task, one.messages[1]) for one in games_of(path)] == [
+        (task, "end") for task in (2, 1)
     ]
 
 
@@ -315,12 +312,7 @@ def test_each_game_that_is_over_is_in_the_file_once_and_the_file_goes_on(tmp_pat
         host.begin(7).end()
     one, two = games_of(path)
     thing = one.table[0]
-    assert (one.task, one.distractor_seed, one.invalid_actions, one.termination) == (
-        5,
-        2,
-        1,
-        "same_twice",
-    )
+    assert (one.task, one.distractor_seed, one.invalid_actions) == (5, 2, 1)
     assert invalid.startswith("Invalid answer: unknown item 'unicorn'")
     assert one.messages[1:4] == ("unicorn + 1", invalid, "1 + 1")
     assert one.messages[4].startswith(f"{thing} + {thing} -> ")
@@ -456,7 +448,7 @@ def test_bad_options_are_refused_before_anything_is_served(run, tmp_path):
                 "is in use by another program",
             ),
             (["--json"], "", "stdout is reserved for the protocol"),
-            (["--scorer", tmp_path], "scorer", "a scorer needs --knowledge scorer"),
+            (["--scorer", tmp_path], "knowledge", "expected scorer with a model folder"),
             (["--open-ended", "--base", "unicorn"], "base", "no entity 'unicorn' in kitchen"),
         ):
             outcome = run("mcp", "kitchen", *options)

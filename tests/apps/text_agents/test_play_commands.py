@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 
 from tests.apps.people.stored import refused
-from wordcraft_kg.envs.open_ended import OpenEndedEnv
+from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.graphs.graph_folder import open_graph
 
 Run = Callable[..., Any]
 PLAY = ("play", "kitchen")
-ONCE = (*PLAY, "--episodes", "1", "--seed")
+ONCE = (*PLAY, "--seed")
 WORLD = ("play", "everyday", "--open-ended")
 GOOD = ["water + earth", "air, air"]  # mud and wind
 
@@ -33,7 +33,7 @@ def typed(run, monkeypatch):
 
 def solution(typed, *options):
     """The goal of the first task, and the pairs of the plan that is shown after the game is lost."""
-    shown = typed(["1 1"] * 5, *ONCE, "0", *options).out
+    shown = typed(["1 1"] * 5, *ONCE, "0", *options, "--json").err
     goal = re.search("Goal: (.+)", shown)
     plan = re.search("olutions?: (.+)", shown)
     return goal[1], re.findall(r"(\S+ \+ \S+) ->", plan[1])
@@ -58,22 +58,21 @@ def test_a_deeper_task_brings_what_is_made_to_the_table(typed):
     _, words = solution(typed, *options)
     outcome = typed(words, *ONCE, "0", *options, "--json")
     assert outcome.out.count("\n") == 1
-    played = {"graph": "kitchen", "successes": 1, "seed": 0, "episodes": 1}
-    assert json.loads(outcome.out) == played | settings
+    assert json.loads(outcome.out) == {"successes": 1, "seed": 0, "episodes": 1}
     for shown in ("Attempts left: 3", "Attempts left: 2", f"{words[0]} -> ", "You made the goal"):
         assert shown in outcome.err
 
 
 def test_a_goal_that_was_not_made_is_followed_by_a_plan(typed):
     shown = typed(["1 1"], *ONCE, "2").out
-    end = r"\n\ngoals made: 0 of 1   to repeat these tasks: --seed 2\n$"
-    assert re.search(r"You did not make .*\.\n.*olution.*" + end, shown)
+    assert re.search(r"You did not make .*\.\n.*olution.*\n\n2\.\n", shown)
+    assert shown.endswith("goals made: 0 of 1   to repeat these tasks: --seed 2\n")
 
 
 def test_the_same_seed_poses_the_same_tasks_whatever_was_answered(typed):
     def goals(lines, seed):
-        shown = typed(lines, *PLAY, "--seed", seed, "--attempts", "2", "--episodes", "4").out
-        return list(dict.fromkeys(re.findall("Goal: .+", shown)))
+        shown = typed(lines, *PLAY, "--seed", seed, "--attempts", "2").out
+        return list(dict.fromkeys(re.findall("Goal: .+", shown)))[:4]
 
     assert len(goals(["1 1"] * 8, 3)) == 4
     assert goals(["1 1"] * 8, 3) == goals(["2 1"] * 8, 3) != goals(["1 1"] * 8, 4)
@@ -90,7 +89,7 @@ def test_bad_input_is_asked_again_and_changes_nothing(typed, bad):
     told = "An item is its number, its name, or the start" if is_help else "Invalid answer: "
     assert re.sub(r"\s+", " ", shown).count(told) == 3 + is_help
     # The list of items, which may be long, is not repeated after a mistake.
-    assert shown.count("Table: ") == 1
+    assert shown.partition("olution")[0].count("Table: ") == 1
 
 
 @pytest.mark.parametrize("lines", [[], ["quit"], ["Q"], ["1", "q"], ["1"], [" q "]])
@@ -104,14 +103,11 @@ def test_q_or_the_end_of_the_input_ends_the_game_in_good_order(typed, lines):
     ("options", "message"),
     [
         ("--seed -1", "seed -1"),
-        ("--episodes -1", "--episodes -1"),
         ("--depth 3 --attempts 2", "--attempts 2: expected a whole number, 3 to"),
         ("--distractors 79", "--distractors 79"),
-        ("--base water", "--base water: a base needs --open-ended"),
         ("--open-ended --depth 2", "--open-ended has no tasks"),
         ("--open-ended --seed 0", "--open-ended has no tasks"),
         ("--open-ended --attempts 0", "--attempts 0"),
-        ("--open-ended --base flour", "--base flour: nothing new can be made"),
         ("--export game.html --depth 2", "--browser and --export have their own tasks"),
         ("--port 9000", "--host and --port are for a server; add --browser"),
     ],
@@ -142,9 +138,8 @@ def test_ctrl_c_ends_the_line_and_shows_the_tally(run, monkeypatch, lines, comma
     monkeypatch.setattr(stdin, "readline", lambda: next(reading))
     monkeypatch.setattr(sys, "stdin", stdin)
     outcome = run(*command)
-    assert outcome.code == 130
-    assert outcome.out.endswith("> \n")
-    assert outcome.err == f"interrupted; {message}"
+    assert (outcome.code, outcome.err) == (0, "")
+    assert outcome.out.endswith(f"> \n{message}")
 
 
 def test_the_open_ended_world_is_discovered_by_typing_names(typed):
@@ -163,16 +158,11 @@ def test_the_open_ended_world_is_discovered_by_typing_names(typed):
     assert outcome.out.splitlines()[-1] == f"known items: {5 + discovered} of 1177 after 4 attempts"
 
 
-def test_the_game_is_that_of_the_environment(typed):
+def test_the_game_is_that_of_players(typed):
     values = json.loads(typed(GOOD, *WORLD, "--attempts", "2", "--json").out)
-    env = OpenEndedEnv("everyday", max_attempts=2)
-    env.reset()
+    graph = open_graph("everyday").graph
+    game = Discovery(graph)
     for one, other in (("water", "earth"), ("air", "air")):
-        *_, info = env.step([env.graph.id_of(one), env.graph.id_of(other)])
-    assert info["outcome"] == "out_of_attempts"
-    assert (values["known"], values["reachable"]) == (info["known"], env.discovery.reachable)
-    assert (values["discovered"], values["attempts"], values["attempted"]) == (
-        ["mud", "wind"],
-        2,
-        2,
-    )
+        game.combine(graph.id_of(one), graph.id_of(other))
+    assert (values["known"], values["reachable"]) == (len(game.known), game.reachable)
+    assert (values["discovered"], values["attempted"]) == (["mud", "wind"], 2)

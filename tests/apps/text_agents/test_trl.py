@@ -9,9 +9,8 @@ from gymnasium.utils.env_checker import check_env
 from msgspec.structs import replace
 
 from tests.apps.text_agents.scripted import plan_pairs
-from wordcraft_kg.apps.text_agents.plays import Play, open_play
+from wordcraft_kg.apps.text_agents.plays import open_play
 from wordcraft_kg.apps.text_agents.results import record_of
-from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.apps.text_agents.text_env import LONGEST_ACTION, TextEnv
 from wordcraft_kg.apps.text_agents.trl import (
     CraftingEnvironment,
@@ -68,8 +67,7 @@ def test_all_rollouts_of_a_row_play_the_same_game():
 
 
 def test_a_game_is_replayed_to_the_byte_from_its_row_and_pairs():
-    settings = GameSettings(part="all", distractors=2, depth=2)
-    games = Play.open("kitchen", settings, distractor_seeds=3)
+    games = open_play("kitchen", "all", 2, 2, distractor_seeds=3)
     for row in rows_of(depth=2, tables=3, tasks=4):
         environment = begun(row)
         play(environment, row, [("1", "2"), *plan_pairs(environment.talk.game)])
@@ -139,7 +137,7 @@ def made(**settings):
     return gym.make("WordCraft-Text-v0", **settings)
 
 
-@pytest.mark.parametrize("settings", [{}, {"depth": 2, "render_mode": "ansi"}])
+@pytest.mark.parametrize("settings", [{}, {"depth": 2}])
 def test_gymnasium_accepts_it(settings):
     check_env(made(**settings).unwrapped)
 
@@ -180,24 +178,20 @@ def test_actions_of_any_length_and_in_any_script_are_part_of_the_game():
     ("use", "error", "says"),
     [
         (lambda env: env.step("1 + 2"), EpisodeError, "call reset"),
-        (lambda env: env.render(), EpisodeError, "call reset"),
         (lambda env: env.reset(options={"table": []}), ConfigError, "unknown reset option 'table'"),
         (lambda env: env.reset(options={"task": 10**9}), ConfigError, "task"),
         (lambda env: [env.reset(seed=0), env.step(3)], ActionError, "expected a text"),
-        (lambda _: TextEnv("kitchen", knowledge="scorer"), ConfigError, "one of none, partial\\."),
-        (lambda _: TextEnv("kitchen", render_mode="human"), ConfigError, "`render_mode`"),
+        (
+            lambda _: TextEnv("kitchen", knowledge="scorer"),
+            ConfigError,
+            "or none or partial without",
+        ),
     ],
 )
 def test_mistakes_are_refused(use, error, says):
-    env = TextEnv("kitchen", num_distractors=2, render_mode="ansi")
+    env = TextEnv("kitchen", num_distractors=2)
     with pytest.raises(error, match=says):
         use(env)
-
-
-def test_the_state_is_rendered_in_words():
-    env = TextEnv("kitchen", num_distractors=2, render_mode="ansi")
-    shown, _ = env.reset(seed=0)
-    assert env.render() in shown
 
 
 SPECIAL = ["<|endoftext|>", "<|im_start|>", "<|im_end|>", "<tool_call>", "</tool_call>"]

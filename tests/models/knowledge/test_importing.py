@@ -63,6 +63,8 @@ def wordnet(tmp_path):
     ]
     (folder / "index.noun").write_text("  1 the licence\n" + "".join(index))
     (folder / "noun.exc").write_text("loaves loaf_of_bread\n")
+    for name in ("data.verb", "data.adj", "data.adv"):
+        (folder / name).write_text("  1 the licence\n")
     return folder
 
 
@@ -223,8 +225,8 @@ def test_one_source_and_a_new_folder_are_needed(
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("bred\tx", "line 1: 'bred' is not a label of the graph.* Did you mean"),
-        ("dough", "before a tab"),
+        ("bred\tx", "line 1: .*bred.* is not a label of the graph.* Did you mean"),
+        ("dough", "'dough' is not a label of the graph, a tab"),
         ("dough\twn:1-n", "wn:1-n"),
         (None, r"overrides\.tsv is not a file"),
         ("dough\t\ndough\twn:00000007-n", r"line 2: 'dough' stands in line 1, too"),
@@ -288,18 +290,15 @@ def test_conceptnet_keeps_english_words_and_weights(tmp_path):
     )
     assert network.edges.tolist() == [[0, 0, 1], [0, 1, 1]]
     assert network.weights.tolist() == pytest.approx([np.log(3)] * 2)
-    for bad, message in {
-        line("/r/IsA", "/c/en/a", "/c/en/b", '{"weight": '): "line 5: the last column is not JSON",
-        line(
-            "/r/IsA", "/c/en/a", "/c/en/b", '{"weight": 1e300}'
-        ): "line 5: .*Expected `float` < 1e",
-        line(
-            "/r/IsA", "/c/en/a", "/c/en/b", "{}"
-        ): "line 5: the last column is not JSON with a weight",
-        "/a/x\t/r/IsA\t/c/en/a\n": "line 5: 3 columns; expected uri, relation",
-    }.items():
-        (tmp_path / "bad.csv").write_text(text + bad)
-        with pytest.raises(KnowledgeFileError, match=message):
+    for bad in (
+        line("/r/IsA", "/c/en/a", "/c/en/b", '{"weight": '),
+        line("/r/IsA", "/c/en/a", "/c/en/b", '{"weight": 1e300}'),
+        line("/r/IsA", "/c/en/a", "/c/en/b", "{}"),
+        line("/r/IsA", "/c/en/a", "/c/en/\udce4"),
+        "/a/x\t/r/IsA\t/c/en/a\n",
+    ):
+        (tmp_path / "bad.csv").write_text(text + bad, errors="surrogateescape")
+        with pytest.raises(KnowledgeFileError, match=r"line 5: '/a/.*; expected uri, relation"):
             read_conceptnet(tmp_path / "bad.csv")
     (tmp_path / "bad.csv").write_text(line("/r/IsA", "/c/de/brot", "/c/de/essen"))
     with pytest.raises(KnowledgeFileError, match="has no triple to use"):

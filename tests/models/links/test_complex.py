@@ -270,4 +270,3 @@ def test_a_sampled_objective_chosen_for_size_is_recorded(opened_kitchen, tmp_pat
     settings = LinksConfig.read(trained.folder).settings
     assert isinstance(settings, ComplExConfig)
     assert settings.negatives == NEGATIVES
-    assert "512 entities sampled" in (trained.folder / "README.md").read_text()

@@ -48,7 +48,7 @@ def test_an_opened_model_has_its_scorer_graph_split_and_history(complex_folder, 
         opened_kitchen.split.hash,
     )
     assert opened.scorer.graph_hash == opened_kitchen.graph.hash
-    assert (opened.kg, [row.epoch for row in opened.trace]) == ("partial", [1, 2, 3, 4])
+    assert (opened.kg, [row.epoch for row in opened.history.trace]) == ("partial", [1, 2, 3, 4])
     assert (
         opened.provenance["weights"]
         == json.loads((complex_folder / "run.json").read_text())["outputs"]["model.safetensors"]
@@ -174,7 +174,7 @@ def test_an_opened_folder_says_what_the_scorer_has_seen(kg, mine, opened_kitchen
     """An opened folder says what the scorer has seen and that it was not trained here."""
     folder = save_scorer(tmp_path / "mine", mine, opened_kitchen, kg=kg, origin="lengths of labels")
     model = open_model(folder)
-    assert (model.kg, model.metrics, model.trace) == (kg, None, ())
+    assert (model.kg, model.metrics, model.history.trace) == (kg, None, ())
     assert model.opened.split.hash == opened_kitchen.split.hash
     assert model.provenance["what it is"] == "lengths of labels"
     assert "someone else" in model.provenance["trained by"]

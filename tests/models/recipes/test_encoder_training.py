@@ -44,6 +44,7 @@ def only_compared():
         patch.setattr(encoder_fitting, "SCHEDULE", TINY)
         patch.setattr(fitting, "RESULTS", fitting.RESULTS._replace(epochs=1, steps=4))
         patch.setattr(recipe_config, "ENCODER_FROM", 20)
+        patch.setattr(fitting, "ONE_LESSON_FROM", 20)
         yield
 
 

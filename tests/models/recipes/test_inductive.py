@@ -6,7 +6,7 @@ import torch
 from short_fits import short_fits
 
 from wordcraft_kg import RecipesConfig, RecipeScorerConfig, load_scorer, train_recipes
-from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
+from wordcraft_kg.base.errors import UnknownEntityError
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.recipes.inductive import extended, with_words
 from wordcraft_kg.models.scorers.features import make_features
@@ -143,8 +143,6 @@ def test_a_word_without_a_vector_is_named_with_the_nearest_entities(folder, scor
 def test_a_link_predictor_knows_the_entities_of_its_graph_only(complex_folder):
     with pytest.raises(UnknownEntityError, match=r"'naan'.*train-recipes"):
         with_words(complex_folder, load_scorer(complex_folder), ["naan"])
-    with pytest.raises(ConfigError, match="train-recipes"):
-        extended(load_scorer(complex_folder), ["naan"], np.zeros((1, DIMENSIONS)))
 
 
 @pytest.mark.parametrize(

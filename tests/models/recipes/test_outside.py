@@ -34,7 +34,6 @@ from wordcraft_kg.models.knowledge.knowledge_folder import (
 from wordcraft_kg.models.knowledge.outside import join_books, open_outside
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
 from wordcraft_kg.models.scorers.neighbours.links import OF_COMPONENTS
-from wordcraft_kg.runs.config_file import read_config
 
 SMALL = RecipeScorerConfig(folds=3, features="one-hot")
 
@@ -202,35 +201,14 @@ def test_tables_of_other_labels_are_an_error(opened, tmp_path):
         open_outside([str(folder)], opened, "one-hot")
 
 
-def test_tables_of_one_source_merge_and_of_two_models_do_not(opened, tmp_path):
-    """Tables of one source complete each other and those of two models stay apart."""
-    info = TableInfo(name="need", role="part", phrase="")
-
-    def folder(name: str, weights: str, entities: tuple[str, ...], graph: str = "") -> str:
-        record = KnowledgeRecord(source="language model", entities=entities, tables=(info,))
-        made = KnowledgeTables(record, (torch.full((len(entities),) * 2, len(name)).half(),))
-        inputs = {"model.gguf": weights * 64, "graph": graph or opened.graph.hash}
-        return str(write_knowledge(tmp_path / name, "test", made, inputs=inputs, files={}))
-
-    labels = opened.graph.entities
-    specs = (
-        folder("a", "1", labels[:6]),
-        folder("bb", "1", labels[6:], "0" * 64),
-        folder("ccc", "2", labels),
-    )
-    both, other = open_outside(specs, opened, "one-hot").tables.parts
-    assert [both[0, 1].item(), both[6, 7].item(), both[0, 7].item()] == [1, 2, 0]
-    assert (other == 3).all()
-
-
 @pytest.mark.slow
 def test_a_model_with_outside_knowledge_is_trained_and_found_again(opened, knowledge, tmp_path):
     other = write_book(tmp_path / "other.csv", [("sand", opened.graph.entities[0], "sandcastle")])
     settings = replace(SMALL, with_=(str(knowledge), other))
     trained = train_recipes(RecipesConfig(opened.source, settings), tmp_path / "model")
     assert [source.kind for source in trained.metrics.outside] == ["tables", "book"]
-    _, written = read_config(trained.folder)
-    assert [Path(path).resolve() for path in written["with"][:2]] == [
+    written = RecipesConfig.read(trained.folder).settings.with_
+    assert [Path(path).resolve() for path in written[:2]] == [
         knowledge.resolve(),
         Path(other).resolve(),
     ]
@@ -275,7 +253,7 @@ def test_a_zero_shot_scorer_has_seen_no_recipe_of_the_book(opened, teacher, tmp_
     )
     parts = np.where(is_in(graph.recipes, held_out, 12), 2, 0).astype(np.int8)
     other = replace(opened, graph=graph, split=Split(graph, opened.split.config, parts))
-    folds = [join_books([teacher], each, "random", folds=3).folds.hash for each in (opened, other)]
+    folds = [join_books([teacher], each, "random", folds=3)[2].hash for each in (opened, other)]
     assert folds[0] == folds[1]
 
 

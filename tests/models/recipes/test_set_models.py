@@ -20,7 +20,6 @@ from wordcraft_kg.evaluation import ranked_sets
 from wordcraft_kg.evaluation.ranked_sets import rank_sets, read_predictions
 from wordcraft_kg.evaluation.suggestions import Wish, suggest
 from wordcraft_kg.graphs import (
-    Recipe,
     RecipeGraph,
     SplitConfig,
     make_split,
@@ -155,8 +154,9 @@ def test_goals_without_parts_do_not_count_as_having_lost_all(scorer):
 def test_votes_equal_those_of_the_formula(scorer):
     knowledge = scorer.knowledge
     size = len(knowledge.ingredient_ids)
-    amounts = knowledge.amounts[scorer.entity_ids("Gbdh").item()]
-    goal = knowledge.goal(amounts, np.empty(0, np.float32), np.zeros(size, np.float32))
+    entity = scorer.entity_ids("Gbdh").item()
+    amounts = knowledge.amounts[entity]
+    goal = knowledge.goal(entity, np.zeros(size, np.float32))
     for kernel, (kinds, shares) in enumerate(loops.WIDTHS):
         votes = dict.fromkeys(range(size), 0.0)
         for row in knowledge.recipes:
@@ -172,9 +172,8 @@ def test_votes_equal_those_of_the_formula(scorer):
 def test_the_beam_finds_what_a_full_search_finds(scorer):
     knowledge = scorer.knowledge
     size = len(knowledge.ingredient_ids)
-    amounts = knowledge.amounts[scorer.entity_ids("Gceh").item()]
     log_network = np.random.default_rng(0).normal(size=size).astype(np.float32)
-    goal = knowledge.goal(amounts, np.empty(0, np.float32), log_network)
+    goal = knowledge.goal(scorer.entity_ids("Gceh").item(), log_network)
     sets = np.full((99, 8), -1, dtype=np.int64)
     nothing = np.empty(0, dtype=np.float32)
     log_again = np.array([-1, -2, -3], dtype=np.float32)
@@ -247,10 +246,10 @@ def test_a_lost_part_that_a_goal_keeps_may_come_from_an_ingredient_of_it_alone(m
     knowledge = SetKnowledge(recipes, amounts, np.zeros((10, 0), np.float32))
     assert knowledge.is_key.tolist() == [True, True, False]
     monkeypatch.setattr(set_knowledge, "_NEAR_SETS", 0)
-    goal = knowledge.goal(amounts[9], np.empty(0, np.float32), np.zeros(3, np.float32), entity=9)
+    goal = knowledge.goal(9, np.zeros(3, np.float32))
     sets, _ = knowledge.candidates(goal)
     assert [0, 1, 2] in sets[:, :3].tolist()
-    without = knowledge.goal(amounts[3], np.empty(0, np.float32), np.zeros(3, np.float32))
+    without = knowledge.goal(3, np.zeros(3, np.float32))
     assert 2 not in knowledge.candidates(without)[0]
 
 
@@ -457,7 +456,6 @@ def test_shares_count_goals_with_a_right_set_among_the_first_k(letters_model, ra
     assert record.methods[0].columns["all"].shares[1] > 0.7
     for method in record.methods[1:]:
         difference = record.methods[0].columns["all"].shares[1] - method.columns["all"].shares[1]
-        assert method.lead[1][0] == pytest.approx(difference)
         assert difference > 0
 
 
@@ -593,7 +591,7 @@ def test_files_of_recipes_and_links_of_new_entities_are_refused_with_the_reason(
     )
     outcome = run("score", letters / "model", "Gnew", "componentOf", "Gab")
     assert "no entity 'Gnew'" in outcome.err
-    assert "links of the graph's entities alone" in outcome.err
+    assert "knows only the graph's entities" in outcome.err
 
 
 RULES = """
@@ -630,7 +628,7 @@ def test_a_rule_of_the_user_leaves_sets_out_and_changes_no_probability(
 ):
     command = ("suggest", letters / "model", "--goal", "Gbdh", "--top", 9)
     free, ruled = (
-        {tuple(each["ingredients"]): each["probability"] for each in json.loads(out)["suggestions"]}
+        {tuple(each["recipe"][:-1]): each["probability"] for each in json.loads(out)["suggestions"]}
         for out in (
             run(*command, "--json").out,
             run(*command, "--rule", "rules_of_letters:no_dx", "--json").out,
@@ -697,14 +695,14 @@ def test_a_model_of_sets_suggests_for_the_whole_book_an_item_a_pair_and_a_list(
 ):
     graph = letters_model.opened.graph
     known = set(graph.recipe_labels())
-    best = suggest(letters_model, Wish(), 1).suggestions[0].ingredients
+    best = suggest(letters_model, Wish(), 1).suggestions[0].recipe.ingredients
     for wish in (Wish(), Wish(item="ax"), Wish(pair=best[:2]), Wish(table=best)):
         found = suggest(letters_model, wish, 20).suggestions
         assert found
-        assert not known.intersection(Recipe(each.ingredients, each.result) for each in found)
+        assert not known.intersection(each.recipe for each in found)
         for each in found:
-            assert wish.item is None or wish.item in each.ingredients
-            assert set(wish.pair) <= set(each.ingredients)
+            assert wish.item is None or wish.item in each.recipe.ingredients
+            assert set(wish.pair) <= set(each.recipe.ingredients)
             # The listed entities make known ones, too, which further steps use.
             assert (each.steps is not None) == bool(wish.table)
     table = letters / "found.csv"

@@ -409,7 +409,6 @@ def test_stored_ids_outside_the_book_are_damage(name):
         ({"vectors": torch.zeros(SIZE - 1, 4).half()}, "near_words has type .* T = 11"),
         ({"vectors": torch.full((SIZE, 4), 2.0).half()}, "vectors holds numbers above 1"),
         ({"seen": torch.ones(2, 3, dtype=torch.bool)}, "seen has type"),
-        ({"bias": torch.full((1,), 3e38)}, "bias holds NaN, infinity or a number above 1e"),
         ({"recipes": torch.zeros(3, 3)}, "recipes has type torch.float32"),
         ({"componentOf_table": torch.zeros(1, 3, 3).half()}, "_table has type"),
     ],
@@ -436,11 +435,6 @@ def test_a_stack_answers_as_each_model_also_from_its_constants():
         for stacked in (stack, again):
             found = stacked(goal, table, torch.full_like(goal, number))
             torch.testing.assert_close(found, alone, rtol=1e-5, atol=1e-5)
-        assert stack.knows(one.recipes, number).all()
-        others = torch.tensor(list(product(range(SIZE), repeat=3)))
-        own = {tuple(row) for row in one.recipes.tolist()}
-        expected = [(min(a, b), max(a, b), c) in own for a, b, c in others.tolist()]
-        assert stack.knows(others, number).tolist() == expected
 
 
 def test_recipes_with_the_most_similar_results_support_a_goal():

@@ -239,15 +239,14 @@ def test_lessons_need_few_encoders(monkeypatch):
     graph = RecipeGraph.from_recipes(rows, name="thirty")
     folds = make_folds(make_split(graph, SplitConfig()), 5)
     every = [(), (0,), (1,), (2,), (3,), (4,)]
+    for left_out in every:
+        remaining = [fold for fold in range(5) if fold not in left_out]
+        assert lesson_folds(folds, left_out) == remaining
+    # In a large book one fold has examples enough.
+    monkeypatch.setattr(fitting, "ONE_LESSON_FROM", len(folds.recipes()))
     needed = encoders_of(folds, every)
     assert len(needed) == len({*needed}) == 9
     for left_out in every:
-        (turn,) = lesson_folds(folds, left_out, has_encoder=True)
+        (turn,) = lesson_folds(folds, left_out)
         assert turn not in left_out
         assert tuple(sorted((*left_out, turn))) in needed
-        others = lesson_folds(folds, left_out, has_encoder=False)
-        assert others == [fold for fold in range(5) if fold not in left_out]
-        with monkeypatch.context() as large:
-            # In a large book one fold has examples enough, with and without an encoder.
-            large.setattr(fitting, "ONE_LESSON_FROM", len(folds.recipes()))
-            assert lesson_folds(folds, left_out, has_encoder=False) == [turn]

@@ -298,17 +298,6 @@ def test_a_loaded_scorer_follows_the_protocol_and_knows_its_graph(folder, opened
         load_scorer(folder, graph=GRAPH)
 
 
-def test_a_table_models_scores_are_those_of_the_pykeen_model(distmult_folder):
-    weights = safetensors.torch.load_file(distmult_folder / "model.safetensors")
-    entity, relation = (
-        weights[f"pykeen.{kind}_representations.0._embeddings.weight"]
-        for kind in ("entity", "relation")
-    )
-    expected = torch.einsum("hd,rd,td->rht", entity, relation, entity)
-    scorer = load_scorer(distmult_folder)
-    same_tables(scorer, TableScorer(expected, scorer.entities, scorer.graph_hash))
-
-
 @pytest.mark.slow
 def test_loading_and_using_a_scorer_does_not_import_pykeen(complex_folder):
     code = (

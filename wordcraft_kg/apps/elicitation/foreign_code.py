@@ -3,8 +3,7 @@
 A model folder from elsewhere is data of a stranger. Its JSON files can name Python classes to
 import, kernels and other models to download, options that switch off a library's own checks, and
 sizes that no memory holds. The libraries refuse most of that if asked to; this module refuses the
-rest, and by name. It imports no library of models, except to look up the kind of a model that names
-code and may not need it.
+rest, and by name. It imports no library of models.
 """
 
 import io
@@ -13,12 +12,9 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from importlib.metadata import version
 from math import prod
 from pathlib import Path
 from typing import Any
-
-from packaging.version import Version
 
 from wordcraft_kg.base.artefacts import SMALL_FILE, check_file, read_json, sha256_of
 from wordcraft_kg.base.errors import (
@@ -28,7 +24,7 @@ from wordcraft_kg.base.errors import (
     WordCraftKGError,
     reason,
 )
-from wordcraft_kg.base.extras import check_extra, pip_install
+from wordcraft_kg.base.extras import check_extra, pip_install, unmet
 
 _FORMATS = ("onnx/*", "openvino/*", "*.h5", "*.ot", "*.msgpack", "*.onnx", "*.gguf")
 """Weights in the formats of other libraries, in folders on the Hugging Face hub."""
@@ -156,8 +152,6 @@ def working(path: str | Path, problem: str = "fails") -> Iterator[None]:
         ) from None
 
 
-SAFE_SENTENCE_TRANSFORMERS = "6.0.1"
-"""Earlier versions import any module that a local modules.json names, whatever they are told."""
 _MODULES = (
     *("Transformer", "Pooling", "Dense", "Normalize", "LayerNorm", "Dropout"),
     *("WeightedLayerPooling", "StaticEmbedding"),
@@ -194,12 +188,16 @@ _TEXTS = (".json", ".jinja", ".txt", ".model")
 
 
 def check_sentence_transformers() -> None:
-    """Raise MissingExtraError if sentence-transformers would run the code of a model folder."""
-    installed = version("sentence-transformers")
-    if Version(installed) < Version(SAFE_SENTENCE_TRANSFORMERS):
+    """Raise MissingExtraError if sentence-transformers would run the code of a model folder.
+
+    Versions before that of the extra ``text`` import any module that a local modules.json names,
+    whatever they are told.
+    """
+    problem = unmet("text").get("sentence-transformers")
+    if problem is not None:
         raise MissingExtraError(
-            f"sentence-transformers {installed} runs Python code that a model folder names; "
-            f"expected {SAFE_SENTENCE_TRANSFORMERS} or later: {pip_install(extra='text')}"
+            f"sentence-transformers {problem}; earlier versions run Python code that a model "
+            f"folder names: {pip_install(extra='text')}"
         )
 
 
@@ -225,8 +223,6 @@ def check_model_files(path: Path) -> None:
         # The libraries read these names beside a .gguf file; other files there may be anybody's.
         names = ("config.json", "tokenizer_config.json", "generation_config.json", _ADAPTER)
         files = [folder / name for name in names if (folder / name).is_file()]
-    # Code is collected first: whether it is needed depends on the kind of the model.
-    code_names: list[str] = []
     for file in files:
         # To search all tokens takes long, and no loader imports a token.
         if file.name in _NOT_READ:
@@ -237,15 +233,9 @@ def check_model_files(path: Path) -> None:
                 "adapter into its model, and give that folder."
             )
         for key, value in _items(read_json(file)):
+            # Not `auto_map`, which many models of a kind that transformers has name, too: the
+            # loaders refuse code that is needed, see `working`.
             _check_item(file, key, value)
-            if key == "auto_map" and value:
-                code_names += sorted(_strings(value))
-    # Many models of a kind that transformers has also name code, for its earlier versions.
-    if code_names and not _is_known(folder):
-        raise ArtefactError(
-            f"'{folder}' needs its own Python code, {code_names[0]}, and code of a model is never "
-            "run. Give a model that transformers itself knows."
-        )
 
 
 def _module_folders(folder: Path) -> list[Path]:
@@ -373,18 +363,6 @@ def _items(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 def _strings(value: Any) -> Iterator[str]:
     """Yield all texts among the values, at any depth."""
     yield from (inner for _, inner in _items(value) if isinstance(inner, str))
-
-
-def _is_known(folder: Path) -> bool:
-    """Return whether transformers has a class of its own for a model that also names code.
-
-    It then needs no code.
-    """
-    from transformers.models.auto.configuration_auto import CONFIG_MAPPING_NAMES
-
-    file = folder / "config.json"
-    config = read_json(file) if file.is_file() else {}
-    return isinstance(config, dict) and config.get("model_type") in CONFIG_MAPPING_NAMES
 
 
 _COUNT = re.compile(r".*(layer|block|expert|group|depth|stage)(?!.*_size$).*|num_labels")

@@ -17,6 +17,7 @@ from itertools import chain, groupby
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import safetensors.torch
 import torch
 from torch import Tensor
@@ -39,7 +40,6 @@ from wordcraft_kg.base import (
     read_json,
     read_large_file,
     read_small_file,
-    what_is,
     with_a_name,
     write_atomically,
 )
@@ -121,11 +121,6 @@ def read_prompts(path: Path) -> tuple[Prompt, ...]:
     Raises:
         ArtefactError: if the file is missing, not JSON, or a prompt is invalid.
     """
-    if not path.is_file():
-        raise ArtefactError(
-            f"`prompts` '{path}' {what_is(path)}; expected a file such as prompts.json of an "
-            "elicit folder."
-        )
     return parse_record(read_small_file(path), _Prompts, path).prompts
 
 
@@ -340,27 +335,23 @@ def elicit_knowledge(
         "prompts": hashlib.sha256(text.encode()).hexdigest(),
         **language_model.hashes,
     }
+    source = "language model"
     if language_model.random_seed is not None:
         inputs["random weights, seed"] = str(language_model.random_seed)
+        source = "language model with random weights"
     probabilities = _LabelProbabilities(language_model, graph.entities)
     texts = [probabilities.read(map(prompt.text, graph.entities)) for prompt in prompts]
-    # Tokens belong to the key: a tokenizer's files have no hash.
-    key = json.dumps([inputs, _BATCH, probabilities.tokens.tolist(), texts])
     # Everything that decides about the rows is in the name of their folder: another model, prompt
-    # or graph has another one, and so never takes these rows.
+    # or graph has another one, and so never takes these rows. A tokenizer's files have no hash.
+    key = json.dumps([inputs, _BATCH, probabilities.tokens.tolist(), texts])
     digest = hashlib.sha256(key.encode()).hexdigest()[:16]
     folder = out.parent / f".{out.name}.{digest}{TEMPORARY}"
+    infos = tuple(
+        TableInfo(name=prompt.name, role=prompt.role, phrase=prompt.phrase) for prompt in prompts
+    )
+    record = KnowledgeRecord(source=source, entities=graph.entities, tables=infos)
     with locked_folder(folder, "written"):
-        tables = _tables(probabilities, texts, prompts, folder, report)
-        source = "language model"
-        if language_model.random_seed is not None:
-            source += " with random weights"
-        infos = tuple(
-            TableInfo(name=prompt.name, role=prompt.role, phrase=prompt.phrase)
-            for prompt in prompts
-        )
-        record = KnowledgeRecord(source=source, entities=graph.entities, tables=infos)
-        knowledge = KnowledgeTables(record, tables)
+        knowledge = KnowledgeTables(record, _tables(probabilities, texts, prompts, folder, report))
         files = {"prompts.json": text, "README.md": _card(graph, knowledge, inputs, prompts)}
         write_knowledge(out, "elicit", knowledge, inputs=inputs, files=files, force=force)
         # Only after the knowledge folder is complete.
@@ -379,13 +370,17 @@ def _tables(
 
     Args:
         probabilities: the language model, for E labels.
-        texts: for each prompt the tokens of E texts.
+        texts: for each of P prompts the tokens of E texts.
         prompts: P prompts.
         folder: folder of saved rows, a file for each batch.
         report: called with the numbers of finished and of all texts; None for no report.
 
     Returns:
         P tables of shape (E, E), float16, in nats.
+
+    Raises:
+        ArtefactError: if a probability is not finite.
+        KeyboardInterrupt: after Ctrl-C, with the number of saved texts.
     """
     size = probabilities.size
     tables = torch.zeros(len(prompts), size, size, dtype=torch.half)
@@ -394,7 +389,7 @@ def _tables(
         for table, prompt, prompt_texts in zip(tables, prompts, texts, strict=True):
             neutral = _neutral(probabilities, prompt.neutral)
             for rows, batch in _batches(prompt_texts):
-                table[rows] = _saved(probabilities, batch, neutral, folder / str(num_done))
+                table[rows] = _rows(probabilities, batch, neutral, folder / str(num_done))
                 num_done += len(rows)
                 if report:
                     report(num_done, len(prompts) * size, {})
@@ -406,7 +401,7 @@ def _tables(
     return tuple(map(_oriented, tables, prompts))
 
 
-def _saved(
+def _rows(
     probabilities: _LabelProbabilities, texts: list[list[int]], neutral: Tensor, file: Path
 ) -> Tensor:
     """Return the rows of texts, shape (B, E), from a file, or computed and saved there."""
@@ -460,13 +455,12 @@ def strongest(knowledge: KnowledgeTables, most: int = 3) -> dict[str, list[str]]
     for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True):
         if info.role == "pair":  # symmetric: each pair would be shown twice
             table = table.triu()
-        cells = table.flatten()
-        values, places = cells.topk(min(most, len(cells)))
-        shown[info.name] = []
-        for value, place in zip(values.tolist(), places.tolist(), strict=True):
-            row, column = divmod(place, len(labels))
-            phrase = info.words(labels[row], labels[column])
-            shown[info.name].append(f"{phrase} ({value:+.1f})")
+        values, places = table.flatten().topk(min(most, table.numel()))
+        rows, columns = np.unravel_index(places.numpy(), table.shape)
+        shown[info.name] = [
+            f"{info.words(labels[row], labels[column])} ({value:+.1f})"
+            for row, column, value in zip(rows, columns, values.tolist(), strict=True)
+        ]
     return shown
 
 

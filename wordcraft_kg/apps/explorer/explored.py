@@ -17,7 +17,7 @@ from wordcraft_kg.base import ArtefactError, ConfigError, UnknownEntityError, ne
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import WordCraftConfig
 from wordcraft_kg.evaluation.suggestions import is_set_model
-from wordcraft_kg.graphs import OpenedGraph, Planner, TaskPart, open_graph
+from wordcraft_kg.graphs import OpenedGraph, Planner, open_graph
 from wordcraft_kg.graphs.splits import TEST
 from wordcraft_kg.models.model_folder import open_model
 from wordcraft_kg.runs.record import RunFiles, run_folders, run_name
@@ -120,9 +120,8 @@ class Explored:
             )
         name = name or next(iter(known))
         if name not in known:
-            shown = name[:60]  # addresses may be of any length
             raise UnknownEntityError(
-                f"no {kind} '{shown}'; there is {', '.join(known)}.{nearest(shown, known)}"
+                f"no {kind} '{name}'; there is {', '.join(known)}.{nearest(name, known)}"
             )
         return name
 
@@ -156,30 +155,9 @@ class Explored:
         run = self.once(("run", name), lambda: FollowedRun(self.runs[name], self.opened))
         return name, run
 
-    def is_any_live(self, *names: str) -> bool:
-        """Return whether any of these runs has yet to be complete and evaluated.
-
-        Raises:
-            ConfigError: if there is no run.
-            UnknownEntityError: if no run has one of the names.
-        """
-        # A run that cannot be read may be one that is just starting, so its page must not be
-        # cached.
-        with suppress(ArtefactError):
-            return any(self.followed(name)[1].records().run.status != "done" for name in names)
-        return True
-
-    @staticmethod
-    def tasks_of(run: FollowedRun | None) -> TaskConfig:
-        """Return a run's task settings; defaults without a readable run."""
-        with suppress(ArtefactError):
-            if run is not None:
-                return run.records().config.tasks
-        return TaskConfig()
-
     def settings_of(
         self,
-        tasks: TaskConfig,
+        run: FollowedRun | None,
         part: AskedPart = "",
         depth: AskedDepth = 0,
         distractors: int | None = None,
@@ -187,25 +165,26 @@ class Explored:
         """Return the environment settings of an agent's training tasks, with changes.
 
         Args:
-            tasks: task settings of the agent's training.
-            part: part of the tasks; empty for :meth:`usual_part`.
+            run: the agent's run; without a readable one, the settings are the defaults.
+            part: part of the tasks; empty for test, or train without test recipes.
             depth: depth of the tasks, in crafts; 0 for the training depth.
             distractors: distractors on the table; None for as many as in training.
 
         Returns:
-            the settings. The training's attempts are kept if they suffice for the depth, else there
-            are as many attempts as crafts.
+            the settings. At another depth than in training there are as many attempts as crafts.
 
         Raises:
             ConfigError: if a number is out of range.
         """
+        tasks = TaskConfig()
+        with suppress(ArtefactError):
+            if run is not None:
+                tasks = run.records().config.tasks
         if depth and depth != tasks.depth:
             # With fewer attempts than crafts, no task could be solved: WordCraftConfig would raise.
-            is_enough = tasks.max_attempts is not None and tasks.max_attempts >= depth
-            tasks = replace(
-                tasks, depth=depth, max_attempts=tasks.max_attempts if is_enough else None
-            )
-        return tasks.environment(part or self.usual_part(), distractors)
+            tasks = replace(tasks, depth=depth, max_attempts=None)
+        has_test = (self.opened.split.parts == TEST).any()
+        return tasks.environment(part or ("test" if has_test else "train"), distractors)
 
     def plain_world(self, config: WordCraftConfig) -> World:
         """Return the tasks for environment settings, without distractors.
@@ -216,7 +195,7 @@ class Explored:
             TaskError: if there is no task.
         """
         # The search for tasks takes seconds, so settings that differ only in rules share one world.
-        settings = ("part", "depth", "task_weighting", "num_tasks", "task_seed", "pays_held_out")
+        settings = ("part", "depth", "num_tasks", "task_seed", "pays_held_out")
         plain = WordCraftConfig(
             num_distractors=0, **{name: getattr(config, name) for name in settings}
         )
@@ -230,10 +209,6 @@ class Explored:
             ConfigError: if the graph has too few entities for the distractors.
         """
         return self.once(("world", config), lambda: World.open(self.plain_world(config), config))
-
-    def usual_part(self) -> TaskPart:
-        """Return the task part shown by default: test, or train without test recipes."""
-        return "test" if (self.opened.split.parts == TEST).any() else "train"
 
 
 def _named(folders: Iterable[Path]) -> dict[str, Path]:

@@ -1,7 +1,7 @@
 """Pages, their addresses, and long lists."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Generic, TypeVar, get_origin
@@ -11,9 +11,6 @@ import msgspec
 
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.base import ConfigError, Count, Record, nearest
-
-_LONGEST_QUOTE = 60
-"""Letters of an address that an error message repeats: addresses may be of any length."""
 
 
 class PageState(Record):
@@ -41,12 +38,9 @@ class Page(Generic[S]):
             found", other input errors a page with the message.
         title: name in the menu; empty for pages outside the menu.
         subject: setting in the second address segment, as in ``/entity/paper``; empty for none.
-        draw: returns a view's pictures, as server-side SVG, by their names in the template;
-            None without pictures.
         exported: returns settings for each file in a static site; by default a single file with
             default settings, and none for a page with a subject.
         is_there: returns a true value if the page has content.
-        is_live: returns whether the view may change, so that the page must not be cached.
         package: package with the template, in the folder ``templates``.
     """
 
@@ -55,10 +49,8 @@ class Page(Generic[S]):
     view: Callable[[Explored, S], Record]
     title: str = ""
     subject: str = ""
-    draw: Callable[[Any, S, Addresses], Mapping[str, Any]] | None = None
     exported: Callable[[Explored], Iterable[S]] | None = None
     is_there: Callable[[Explored], object] = lambda _: True
-    is_live: Callable[[Explored, S], bool] = lambda *_: False
     package: str = "wordcraft_kg.apps.explorer"
 
     def states(self, explored: Explored) -> Iterable[S]:
@@ -102,15 +94,17 @@ class Page(Generic[S]):
             settings[self.subject] = subject
         for name, value in query:
             if name not in fields:
-                raise ConfigError(_unknown_setting(name, fields))
+                expected = f"expected {', '.join(fields)}" if fields else "this page has none"
+                # The search for the nearest name takes time by the length of the text.
+                raise ConfigError(
+                    f"unknown page setting '{name}'; {expected}.{nearest(name[:50], fields)}"
+                )
             if get_origin(fields[name].type) is tuple:
                 settings.setdefault(name, []).append(value)
                 continue
             # An address may repeat a value, such as the subject of its path: equal values are one.
             if value and settings.setdefault(name, value) != value:
-                raise ConfigError(
-                    f"'{name}' is given twice: '{_cut(settings[name])}' and '{_cut(value)}'."
-                )
+                raise ConfigError(f"'{name}' is given twice: '{settings[name]}' and '{value}'.")
         try:
             # All values are texts: strict=False reads numbers and booleans from them.
             return msgspec.convert(settings, self.state, strict=False)
@@ -135,20 +129,9 @@ def _fits_path(value: str) -> bool:
     return bool(value.strip(".")) and not set(value) & {"/", "\\", "%"}
 
 
-def _unknown_setting(name: str, known: Iterable[str]) -> str:
-    expected = ", ".join(known)
-    remedy = f"expected {expected}" if expected else "this page has no settings"
-    # The search for the nearest name takes time by the length of the text.
-    return f"unknown page setting '{_cut(name)}'; {remedy}.{nearest(name[:50], known)}"
-
-
 def _written(value: Any) -> str:
     # Booleans as in JSON, which the reader expects.
     return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _cut(text: str) -> str:
-    return text if len(text) <= _LONGEST_QUOTE else f"{text[:_LONGEST_QUOTE]}..."
 
 
 class Paging(Record):

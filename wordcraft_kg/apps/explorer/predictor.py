@@ -32,7 +32,6 @@ from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.link_evidence import LinkEvidence, LinkReason, Side
-from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 NEW = len(PARTS)
 """Part of a triple that no recipe of the book gives."""
@@ -53,41 +52,27 @@ class PlacedRecipe(Record):
     recipe: Recipe
     part: Part
 
-    def partners(self, entity: str) -> tuple[str, ...]:
-        """Return the other ingredients; an entity that is needed twice is its own partner."""
-        others = list(self.recipe.ingredients)
-        others.remove(entity)
-        return tuple(others)
 
-
-class ScoredLink(Record):
-    """A model's score for a link.
+class PredictedEntity(Record):
+    """An answer to a query, with a model's score for the link that it makes.
 
     Attributes:
+        entity: label of the answer.
         score: higher is more plausible, on the model's own scale.
         status: whether the model was trained on the link, and otherwise whether the link is true.
         known: part of the first recipe that gives the link, or ``new``.
         probability: probability that the link is true; None for training links, since it would be
             that of a link outside the training data, and for models without calibration.
-    """
-
-    score: float
-    status: Status
-    known: Known
-    probability: Share | None
-
-
-class PredictedEntity(ScoredLink):
-    """A predicted answer to a query.
-
-    Attributes:
-        entity: label of the answer.
         rank: filtered, realistic rank: other true answers do not compete, and ties share their mean
             rank.
         reason: training links that support the answer; None if they are not computed.
     """
 
     entity: str
+    score: float
+    status: Status
+    known: Known
+    probability: Share | None
     rank: float
     reason: LinkReason | None
 
@@ -114,28 +99,6 @@ class PredictedSlot(Record):
     true_learned: Count
 
 
-class FilteredRank(Record):
-    """A link's rank among the answers to a query.
-
-    Attributes:
-        rank: realistic rank: ties get the mean rank.
-        candidates: number of answers that compete: all entities except other true answers.
-    """
-
-    rank: float
-    candidates: Count
-
-
-class RankedLink(ScoredLink):
-    """A scored link with its rank.
-
-    Attributes:
-        rank: rank of the queried end among all entities.
-    """
-
-    rank: FilteredRank
-
-
 @dataclass(frozen=True)
 class Slot:
     """All E entities as answers to a query, a triple with an open head or tail.
@@ -157,11 +120,6 @@ class Slot:
     part: NDArray[np.int64]
     learned: NDArray[np.bool_]
 
-    @property
-    def competes(self) -> NDArray[np.bool_]:
-        """Mark entities without a true link, which compete with each answer, shape (E,)."""
-        return self.part == NEW
-
     def triples(self, entities: Ids) -> Ids:
         """Return the triples with these entities as answers, shape (n, 3)."""
         given_ends = np.full(len(entities), self.entity)
@@ -173,7 +131,8 @@ class Slot:
     def ranks(self, entities: Ids) -> NDArray[np.float64]:
         """Return filtered, realistic ranks, shape (n,) -> (n,), as by ``rank_triples``."""
         # Filtered: only entities without a true link compete. One sort serves all n ranks.
-        competitors = np.sort(self.scores[self.competes])
+        competes = self.part == NEW
+        competitors = np.sort(self.scores[competes])
         scores = self.scores[entities]
         up_to = np.searchsorted(competitors, scores, "right")
         below = np.searchsorted(competitors, scores, "left")
@@ -181,17 +140,9 @@ class Slot:
         equal = up_to - below
         # An entity without a true link is one of the competitors, and ties with itself: this is no
         # tie.
-        is_competitor = self.competes[entities]
+        is_competitor = competes[entities]
         # Realistic: the mean of the ranks before and after all ties.
         return np.asarray(above + 1 + (equal - is_competitor) / 2)
-
-    def rank(self, entity: int) -> FilteredRank:
-        """Return an entity's filtered rank."""
-        # An entity with a true link competes with all others that have none, and is a candidate
-        # itself.
-        candidates = int(self.competes.sum()) + int(not self.competes[entity])
-        (rank,) = self.ranks(np.array([entity])).tolist()
-        return FilteredRank(rank, candidates)
 
 
 @dataclass(frozen=True)
@@ -215,8 +166,6 @@ class LinkPredictor:
         Raises:
             ArtefactError: if the folder of a model with outside knowledge has been damaged since.
         """
-        if not self.model.settings.get("with"):
-            return None
         return OutsideEvidenceFinder.open(self.folder, self.model.opened)
 
     @cached_property
@@ -238,11 +187,6 @@ class LinkPredictor:
     def graph(self) -> RecipeGraph:
         """The training graph."""
         return self.model.opened.graph
-
-    @property
-    def scores_recipes(self) -> bool:
-        """Whether the model scores recipes, not only links (triples)."""
-        return isinstance(whole_of(self.model.scorer), RecipeScorer)
 
     @property
     def has_seen_the_test_recipes(self) -> bool:
@@ -287,17 +231,6 @@ class LinkPredictor:
         learned[self.evidence.ends(entity, relation, side)] = True
         return Slot(entity, relation, side, scores, part, learned)
 
-    def ranked(self, slot: Slot, entity: int) -> RankedLink:
-        """Return score and rank for the link with an entity in an open slot."""
-        (link,) = self._predicted(slot, np.array([entity]), 0)
-        return RankedLink(
-            score=link.score,
-            status=link.status,
-            known=link.known,
-            probability=link.probability,
-            rank=slot.rank(entity),
-        )
-
     def best(
         self,
         slot: Slot,
@@ -329,13 +262,20 @@ class LinkPredictor:
             head=None if slot.side == "head" else given_label,
             relation=RELATIONS[slot.relation],
             tail=None if slot.side == "tail" else given_label,
-            best=tuple(self._predicted(slot, listed, witnesses)),
-            truth=tuple(self._predicted(slot, nearest[:truth], 0)),
+            best=tuple(self.answers(slot, listed, witnesses)),
+            truth=tuple(self.answers(slot, nearest[:truth], 0)),
             true_unlearned=len(unlearned),
             true_learned=int((slot.learned & (slot.part != NEW)).sum()),
         )
 
-    def _predicted(self, slot: Slot, entities: Ids, witnesses: int) -> Iterator[PredictedEntity]:
+    def answers(self, slot: Slot, entities: Ids, witnesses: int) -> Iterator[PredictedEntity]:
+        """Yield entities, ids of shape (n,), as answers in an open slot.
+
+        Args:
+            slot: scores of all entities.
+            entities: ids of the answers.
+            witnesses: most supporting links for each answer; 0 computes no reasons.
+        """
         triples = slot.triples(entities)
         ranks = slot.ranks(entities)
         parts = [KNOWN[part] for part in slot.part[entities].tolist()]

@@ -3,23 +3,18 @@
 Both ways render the same pages by :class:`Site` and differ only in the addresses of pages.
 """
 
-import asyncio
 import json
 import os
 import re
-import sys
-import threading
 from collections.abc import Callable, Collection, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache, lru_cache, partial
+from functools import cache, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 from urllib.parse import parse_qsl
 
 import jinja2
 import msgspec
-import torch
 from markupsafe import Markup
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
@@ -30,7 +25,6 @@ from threadpoolctl import threadpool_limits
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Addresses, Page, PageState
 from wordcraft_kg.apps.explorer.pages import HOME, PAGES
-from wordcraft_kg.apps.explorer.pages.entities import search_entities
 from wordcraft_kg.apps.web.guard import Guard, file_endpoint, static_texts, style_sheet
 from wordcraft_kg.base import (
     ConfigError,
@@ -49,7 +43,9 @@ from wordcraft_kg.base import (
     write_atomically,
 )
 from wordcraft_kg.base.tensors import torch_threads
-from wordcraft_kg.reports.agent_report import ACTIONS
+from wordcraft_kg.evaluation.scores import BECAUSE, main_support, strength
+from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.models.policies.sources import label_of
 from wordcraft_kg.reports.pages import Outline, make_environment
 from wordcraft_kg.runs.record import RUN_FILE
 
@@ -86,40 +82,27 @@ class Site:
                 changed.
         """
         view = page.view(self.explored, state)
-        pictures = page.draw(view, state, self.address) if page.draw else {}
-        return self._render(f"{page.name}.html.j2", page, state, view=view, pictures=pictures)
+        return self._render(f"{page.name}.html.j2", page, state, view=view)
 
-    def error(self, status: int, message: str, suggestions: Mapping[str, str] | None = None) -> str:
+    def error(self, status: int, message: str) -> str:
         """Return an error page.
 
         Args:
             status: HTTP status, such as 404.
             message: sentence about the problem; any text, since templates escape it.
-            suggestions: addresses of pages that may have been meant, by label; None for none.
 
         Returns:
             the page as HTML.
         """
-        return self._render(
-            "error.html.j2",
-            None,
-            None,
-            status=status,
-            message=message,
-            suggestions=suggestions or {},
-        )
+        return self._render("error.html.j2", HOME, HOME.state(), status=status, message=message)
 
-    def _render(
-        self, template: str, page: Page[Any] | None, state: PageState | None, **values: Any
-    ) -> str:
+    def _render(self, template: str, page: Page[Any], state: PageState, **values: Any) -> str:
         outline = Outline()
 
         def link(name: str, **fields: Any) -> str:
             return self.address(PAGES[name], PAGES[name].state(**fields))
 
         def here(**changes: Any) -> str:
-            assert page is not None
-            assert state is not None
             return self.address(page, msgspec.structs.replace(state, **changes))
 
         def entity(label: str) -> Markup:
@@ -127,7 +110,7 @@ class Site:
             model = getattr(state, "model", "")
             return _anchor(link("entity", entity=label, model=model), label)
 
-        environment = _environment(HOME.package if page is None else page.package)
+        environment = _environment(page.package)
         return environment.get_template(template).render(
             site=self,
             page=page,
@@ -160,21 +143,19 @@ def _environment(package: str) -> jinja2.Environment:
         (package, HOME.package, "wordcraft_kg.apps.web", "wordcraft_kg.reports")
     )
     environment = make_environment(*packages)
-    environment.globals["actions"] = ACTIONS
+    environment.globals["actions"] = {
+        "label_of": label_of,
+        "main_support": main_support,
+        "strength": strength,
+        "because": BECAUSE,
+    }
     return environment
 
 
 # --- served ---------------------------------------------------------------------------------------
 
-T = TypeVar("T")
 PACKAGE = "wordcraft_kg.apps.explorer"
 SCRIPTS = ("explorer.js",)
-_KEPT = 256
-"""Rendered pages in memory, 50 KB each."""
-_THREADS = 8
-"""Concurrently rendered pages: more threads compete, fewer may all wait for one value."""
-_THREAD_NAME = "pages"
-"""Beginning of the names of all threads that compute pages."""
 
 
 def make_app(
@@ -193,8 +174,7 @@ def make_app(
     """
     server = _Server(explored)
     routes = [
-        Route("/", server.home),
-        Route("/search", server.search),
+        Route("/", lambda _: RedirectResponse(HOME.address(HOME.state()))),
         Route(
             "/files/{name}",
             file_endpoint(PACKAGE, SCRIPTS, lambda message: server.error(404, message)),
@@ -206,24 +186,16 @@ def make_app(
 
 
 class _Server:
+    """Answers requests; Starlette runs the methods in threads."""
+
     def __init__(self, explored: Explored) -> None:
         self.explored = explored
         self.site = Site(
             explored, lambda page, state: page.address(state), lambda name: f"/files/{name}"
         )
-        # More torch threads would only compete: a table has ten rows.
-        self._threads = ThreadPoolExecutor(_THREADS, _THREAD_NAME, torch.set_num_threads, (1,))
-        self._kept = lru_cache(_KEPT)(self._rendered)
-        self._page(HOME, "", [])  # so that the first page is ready with the address
+        self.site.page(HOME, HOME.state())  # so that the first page is ready with the address
 
-    async def home(self, _: Request) -> Response:
-        return RedirectResponse(HOME.address(HOME.state()))
-
-    async def search(self, request: Request) -> Response:
-        matches = await self._in_thread(self._suggestions, request.query_params.get("q", "")[:200])
-        return _json(list(matches.items()))
-
-    async def page(self, request: Request) -> Response:
+    def page(self, request: Request) -> Response:
         name = request.path_params["name"]
         subject = request.path_params.get("subject", "")
         page = PAGES.get(name)
@@ -240,67 +212,28 @@ class _Server:
                 "The address is not well-formed: its query cannot be read as UTF-8 names and "
                 "values.",
             )
-        return await self._in_thread(self._page, page, subject, query)
-
-    async def _in_thread(self, work: Callable[..., T], *arguments: Any) -> T:
-        return await asyncio.get_running_loop().run_in_executor(self._threads, work, *arguments)
-
-    def _page(self, page: Page[Any], subject: str, query: list[tuple[str, str]]) -> Response:
         try:
             state = page.read(subject, [entry for entry in query if entry != ("format", "json")])
             if ("format", "json") in query:
-                return _json(as_values(page.view(self.explored, state)))
-            is_live = page.is_live(self.explored, state)
-            text = self._rendered(page, state) if is_live else self._kept(page, state)
-            headers = {"Cache-Control": "no-store" if is_live else "no-cache"}
-            return Response(text, media_type="text/html", headers=headers)
+                values = as_values(page.view(self.explored, state))
+                return Response(json_text(values), media_type="application/json")
+            text = self.site.page(page, state)
         except UnknownEntityError as error:
-            # Labels that do not fit a path are in the query; the unknown name may also be a run or
-            # a model.
-            label = (subject if page.subject == "entity" else "") or dict(query).get("entity", "")
-            is_other = label in self.explored.opened.graph
-            return self.error(404, str(error), {} if is_other else self._suggestions(label[:200]))
+            return self.error(404, str(error))
         except ConfigError as error:
             return self.error(400, str(error))
         except WordCraftKGError as error:
             # An opened folder has changed on disk, or does not support the query.
             return self.error(409, str(error))
+        # Runs in training change, so browsers ask each time.
+        return Response(text, media_type="text/html", headers={"Cache-Control": "no-cache"})
 
-    def _suggestions(self, wanted: str) -> dict[str, str]:
-        entity = PAGES["entity"]
-        labels = search_entities(self.explored.opened.graph, wanted)
-        return {label: entity.address(entity.state(entity=label)) for label in labels}
-
-    def error(
-        self, status: int, message: str, suggestions: dict[str, str] | None = None
-    ) -> Response:
-        return Response(
-            self.site.error(status, message, suggestions), status, media_type="text/html"
-        )
-
-    def _rendered(self, page: Page[Any], state: PageState) -> bytes:
-        return self.site.page(page, state).encode()
-
-
-def end_process() -> None:
-    """End the process with exit code 0, if threads have computed pages, without waiting for them.
-
-    A thread in torch cannot be interrupted, and Python would wait for its page. Nothing is lost:
-    the server writes no files.
-    """
-    if any(thread.name.startswith(_THREAD_NAME) for thread in threading.enumerate()):
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(0)
-
-
-def _json(values: Any) -> Response:
-    return Response(json_text(values), media_type="application/json")
+    def error(self, status: int, message: str) -> Response:
+        return Response(self.site.error(status, message), status, media_type="text/html")
 
 
 # --- as a static folder ---------------------------------------------------------------------------
 
-SITE_FILE = "site.json"
 LONGEST_NAME = 60
 """Letters of a file name that come from page settings: file systems allow 255 bytes."""
 
@@ -313,8 +246,6 @@ class ExportedSite(Record):
         graph_hash: content hash of the graph.
         split_hash: hash of the split.
         pages: number of pages.
-        largest: bytes of the largest page.
-        bytes: bytes of all pages.
         models: SHA-256 of each model's weights, by name.
         runs: SHA-256 of each run's record, by name.
         skipped: messages of the errors that took the place of pages, by the page's address.
@@ -324,8 +255,6 @@ class ExportedSite(Record):
     graph_hash: Hash
     split_hash: Hash
     pages: Count
-    largest: Count
-    bytes: Count
     models: dict[str, str]
     runs: dict[str, str]
     skipped: dict[str, str]
@@ -342,26 +271,30 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
         force: replace the folder if it exists.
 
     Returns:
-        numbers of pages and bytes, hashes of the inputs, and skipped pages, as in ``site.json``.
+        number of pages, hashes of the inputs, and skipped pages, as in ``site.json``.
 
     Raises:
         OutputExistsError: if the folder exists and ``force`` is False.
     """
-    files = _Files(explored)
-    sizes = []
+    names = _file_names(explored)
     skipped = {}
+
+    def address(page: Page[Any], state: PageState, *, seen_from: str) -> str:
+        target = names.get((page.name, state))
+        return "" if target is None else _relative(target, seen_from)
+
     # Pages need small sums alone: threads that wait for each other would take most of the time
     # where other work runs.
     with torch_threads(1), threadpool_limits(1), staged_folder(out, force=force) as folder:
         write_atomically(folder / "explorer.css", style_sheet())
-        write_atomically(folder / "search.js", files.search())
+        write_atomically(folder / "search.js", _search_script(explored.opened.graph, names))
         for name, text in static_texts(PACKAGE, SCRIPTS).items():
             write_atomically(folder / name, text)
-        for (page, state), name in steps("writing pages", list(files.names.items())):
+        for (page, state), name in steps("writing pages", list(names.items())):
             # Links are relative to the file that they are in, so each file has a site of its own.
             site = Site(
                 explored,
-                partial(files.address, seen_from=name),
+                partial(address, seen_from=name),
                 partial(_relative, to=name),
                 is_static=True,
             )
@@ -373,14 +306,11 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
             content = _without_paths(text, explored).encode()
             (folder / name).parent.mkdir(exist_ok=True)
             write_atomically(folder / name, content)
-            sizes.append(len(content))
         exported = ExportedSite(
             graph=explored.opened.graph.name,
             graph_hash=explored.opened.graph.hash,
             split_hash=explored.opened.split.hash,
-            pages=len(sizes),
-            largest=max(sizes),
-            bytes=sum(sizes),
+            pages=len(names),
             models={
                 name: predictor.model.run.outputs["model.safetensors"]
                 for name, predictor in explored.models.items()
@@ -388,42 +318,36 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
             runs={name: sha256_of(path / RUN_FILE) for name, path in explored.runs.items()},
             skipped=skipped,
         )
-        write_atomically(folder / SITE_FILE, dump_json(as_values(exported)))
+        write_atomically(folder / "site.json", dump_json(as_values(exported)))
     return exported
 
 
-class _Files:
-    """File names of a site: ``names`` has each page's file by page name and settings."""
+def _file_names(explored: Explored) -> dict[tuple[str, PageState], str]:
+    """Return the file of each page by page name and settings."""
+    # Servers and disks open index.html first, so the first page has no name of its own.
+    names: dict[tuple[str, PageState], str] = {(HOME.name, HOME.state()): "index.html"}
+    taken = {"index.html"}
+    for page in PAGES.values():
+        for state in page.states(explored):
+            if (page.name, state) not in names:
+                name = _unused(f"{page.name}/{_stem(page, state)}", taken)
+                names[page.name, state] = name
+                taken.add(name)
+    return names
 
-    def __init__(self, explored: Explored):
-        self.explored = explored
-        # Servers and disks open index.html first, so the first page has no name of its own.
-        self.names: dict[tuple[str, PageState], str] = {(HOME.name, HOME.state()): "index.html"}
-        file_names = {"index.html"}
-        for page in PAGES.values():
-            for state in page.states(explored):
-                if (page.name, state) not in self.names:
-                    name = _unused(f"{page.name}/{_stem(page, state)}", file_names)
-                    self.names[page.name, state] = name
-                    file_names.add(name)
 
-    def address(self, page: Page[Any], state: PageState, *, seen_from: str) -> str:
-        target = self.names.get((page.name, state))
-        return "" if target is None else _relative(target, seen_from)
-
-    def search(self) -> str:
-        """Return the script with the entities and their files, the most used entities first."""
-        graph = self.explored.opened.graph
-        entity = PAGES["entity"]
-        by_use = sorted(range(graph.num_entities), key=lambda i: -graph.use_counts[i])
-        files = {
-            label: self.names.get((entity.name, entity.state(entity=label)))
-            for label in graph.labels(by_use)
-        }
-        entries = [(label, file) for label, file in files.items() if file]
-        # A script, not a JSON file: browsers refuse to fetch files for a page that was opened from
-        # a disk. ASCII only, so that the file's encoding does not matter.
-        return f"window.entities = {json.dumps(entries, ensure_ascii=True)};\n"
+def _search_script(graph: RecipeGraph, names: Mapping[tuple[str, PageState], str]) -> str:
+    """Return the script with the entities and their files, the most used entities first."""
+    by_use = sorted(range(graph.num_entities), key=lambda i: -graph.use_counts[i])
+    entity = PAGES["entity"]
+    files = {
+        label: names.get((entity.name, entity.state(entity=label)))
+        for label in graph.labels(by_use)
+    }
+    entries = [(label, file) for label, file in files.items() if file]
+    # A script, not a JSON file: browsers refuse to fetch files for a page that was opened from a
+    # disk. ASCII only, so that the file's encoding does not matter.
+    return f"window.entities = {json.dumps(entries, ensure_ascii=True)};\n"
 
 
 def _unused(stem: str, taken: set[str]) -> str:

@@ -74,19 +74,6 @@ class Participant:
     cell: Cell
 
 
-@dataclass(frozen=True)
-class StoredAnswer:
-    """An answer with its page loads.
-
-    Attributes:
-        answer: the answer.
-        loads: number of page loads for the task, from 1; more after a reload or a return.
-    """
-
-    answer: Answer
-    loads: int
-
-
 class AnswersDatabase:
     """The answers of a study, for the server; thread-safe."""
 
@@ -189,14 +176,14 @@ class AnswersDatabase:
         with self._lock:
             return _find(self._connection, code)
 
-    def answers_of(self, person: Participant) -> list[Answer]:
+    def answers_of(self, person: Participant) -> tuple[Answer, ...]:
         """Return the answers of a person in order.
 
         Raises:
             ArtefactError: if a stored answer has a wrong field.
         """
         with self._lock:
-            return [stored.answer for stored in _answers_of(self._connection, person.number)]
+            return _answers_of(self._connection, person.number, self._path)
 
     def show(self, person: Participant, part: str, number: int, now: float) -> None:
         """Record a page load for an unanswered task; answered tasks are ignored.
@@ -288,7 +275,7 @@ _ANSWERS = (
 )
 
 
-def read_answers(path: Path, study: str) -> dict[Participant, tuple[StoredAnswer, ...]]:
+def read_answers(path: Path, study: str) -> dict[Participant, tuple[Answer, ...]]:
     """Return all people and answers of a study in order; nothing is written.
 
     A server may be running.
@@ -391,17 +378,15 @@ def _find(connection: sqlite3.Connection, code: str) -> Participant | None:
     return None if row is None else Participant(row[0], Cell(row[1], row[2]))
 
 
-def _answers_of(
-    connection: sqlite3.Connection, session: int, path: Path | str = ANSWERS_FILE
-) -> tuple[StoredAnswer, ...]:
+def _answers_of(connection: sqlite3.Connection, session: int, path: Path) -> tuple[Answer, ...]:
     """Return the answers of a person, by number, in the order of tasks."""
     answers = []
     for row in connection.execute(_ANSWERS, (session,)):
         part, number, goal, *lists, success, seconds, loads = row
         # The columns have the order of the record's fields.
-        values = (part, number, goal, *map(json.loads, lists), bool(success), seconds)
+        values = (part, number, goal, *map(json.loads, lists), bool(success), seconds, loads)
         fields = dict(zip(Answer.__struct_fields__, values, strict=True))
-        answers.append(StoredAnswer(as_record(fields, Answer, path), loads))
+        answers.append(as_record(fields, Answer, path))
     return tuple(answers)
 
 

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from wordcraft_kg.apps.people.study_config import TASKS_PER_PART
-from wordcraft_kg.base import Record, whole
+from wordcraft_kg.base import Record
 from wordcraft_kg.envs.words import results_of
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.world_config import WordCraftConfig
@@ -33,11 +33,7 @@ def episode_seed(seed: int, part: str, number: int) -> int:
         seed: seed of the session, from 0.
         part: all, train, valid or test.
         number: number of the task in its part, from 1.
-
-    Raises:
-        ConfigError: if the seed is negative.
     """
-    whole("seed", seed, 0)
     sequence = np.random.SeedSequence(seed, spawn_key=(_SEED_KEYS.index(part), number))
     return int(sequence.generate_state(1)[0])
 
@@ -86,6 +82,8 @@ class Answer(Record):
         made: results of these entities; empty if they have no recipe.
         success: whether the goal is among the results.
         seconds: time from the first page load to the last action, by the server's clock.
+        loads: number of page loads for the task, more than 1 after a reload or a return; 0 for an
+            answer that is not stored yet.
     """
 
     part: str
@@ -96,13 +94,15 @@ class Answer(Record):
     made: tuple[str, ...]
     success: bool
     seconds: float
+    loads: int = 0
 
     @property
     def is_sound(self) -> bool:
-        """Whether the actions are on the table, and ``success`` and ``seconds`` are possible."""
+        """Whether the actions of a stored answer are on the table, and its figures are possible."""
         is_on_table = bool(self.actions) and set(self.actions) <= set(self.table)
         is_right = self.success == (self.goal in self.made)
-        return is_on_table and is_right and 0 <= self.seconds < float("inf")
+        is_timed = 0 <= self.seconds < float("inf") and self.loads >= 1
+        return is_on_table and is_right and is_timed
 
 
 @dataclass(frozen=True)
@@ -162,14 +162,7 @@ class HumanProtocol:
     @property
     def settings(self) -> dict[str, int | str]:
         """Settings that change tasks or results, without the number of distractors."""
-        names = (
-            "depth",
-            "attempts",
-            "distractor_weighting",
-            "distractor_policy",
-            "task_weighting",
-            "ambiguity",
-        )
+        names = ("depth", "attempts", "distractor_weighting")
         return {name: getattr(self.world.config, name) for name in names}
 
     def task(self, seed: int, part: str, number: int) -> PosedTask:

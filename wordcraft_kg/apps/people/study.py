@@ -3,8 +3,6 @@
 import hashlib
 import json
 import os
-import shutil
-import threading
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
@@ -19,11 +17,9 @@ from wordcraft_kg.apps.people.answers_database import (
     AnswersDatabase,
     Cell,
     Participant,
-    StoredAnswer,
     read_answers,
 )
 from wordcraft_kg.apps.people.protocol import (
-    HUMAN_PARTS,
     Answer,
     HumanProtocol,
     PosedTask,
@@ -143,17 +139,15 @@ class HumanStudy:
         )
         # Posed when first needed: a study may have a thousand forms, and few people.
         self._posed: dict[Cell, tuple[PosedTask, ...]] = {}
-        self._lock = threading.Lock()
 
     def tasks(self, cell: Cell) -> tuple[PosedTask, ...]:
-        """Return a cell's tasks, in order; thread-safe."""
-        with self._lock:
-            if cell not in self._posed:
-                self._posed[cell] = tuple(
-                    self.protocol(cell).task(self.record.seed + cell.form, *turn)
-                    for turn in schedule(self.record.tasks)
-                )
-            return self._posed[cell]
+        """Return a cell's tasks, in order; thread-safe: those that two threads pose are equal."""
+        if cell not in self._posed:
+            self._posed[cell] = tuple(
+                self.protocol(cell).task(self.record.seed + cell.form, *turn)
+                for turn in schedule(self.record.tasks)
+            )
+        return self._posed[cell]
 
     def protocol(self, cell: Cell) -> HumanProtocol:
         """Return the protocol of a cell's number of distractors."""
@@ -163,8 +157,6 @@ class HumanStudy:
 @contextmanager
 def kept_answers(folder: Path, study: HumanStudy) -> Iterator[AnswersDatabase]:
     """Yield the answers of a new or begun study folder, for one server.
-
-    On errors the folder is unchanged.
 
     Raises:
         ArtefactError: if another server uses the folder, a file is damaged, or this version poses
@@ -176,35 +168,25 @@ def kept_answers(folder: Path, study: HumanStudy) -> Iterator[AnswersDatabase]:
     output_target(folder)  # refuses a link that leads nowhere
     with locked_folder(folder, "served"):
         # Once more under the lock: another server may have begun a study meanwhile.
-        is_new = not check_study_folder(folder, study.record)
-        try:
+        if not check_study_folder(folder, study.record):
             # Durable: answers after a power failure need the record that they belong to.
-            if is_new:
-                write_atomically(
-                    folder / STUDY_FILE, dump_json(as_values(study.record)), durable=True
-                )
-            _, identity = read_study_record(folder)
-            answers = AnswersDatabase(
-                folder / ANSWERS_FILE, identity, len(HUMAN_PARTS) * study.record.tasks
-            )
-        except BaseException:
-            if is_new:  # such as a full disk
-                shutil.rmtree(folder)
-            raise
-        with closing(answers):
+            write_atomically(folder / STUDY_FILE, dump_json(as_values(study.record)), durable=True)
+        _, identity = read_study_record(folder)
+        turns = len(schedule(study.record.tasks))
+        with closing(AnswersDatabase(folder / ANSWERS_FILE, identity, turns)) as answers:
             yield answers
 
 
 def _check_tasks(folder: Path, study: HumanStudy) -> None:
     """Check that this version poses the tasks that people have answered."""
-    for person, answers in read_study(folder).answers.items():
+    for session in read_study(folder):
         # People stop at any task, so there are fewer answers than tasks.
-        for stored, task in zip(answers, study.tasks(person.cell), strict=False):
-            if not task.is_of(stored.answer):
+        for answer, task in zip(session.answers, study.tasks(session.person.cell), strict=False):
+            if not task.is_of(answer):
                 raise ArtefactError(
                     f"'{folder}': this version poses another {task.part} task {task.number} than "
-                    f"person {person.number} answered. Nothing was changed; continue with the "
-                    "version that began the study."
+                    f"person {session.person.number} answered. Nothing was changed; continue with "
+                    "the version that began the study."
                 )
 
 
@@ -270,10 +252,9 @@ def check_equal(
 
 
 def _identity(record: StudyRecord) -> dict[str, Any]:
-    """Return all settings by name; the time is no setting, and the consent is compared before."""
+    """Return all settings by name; the time is no setting."""
     values = as_values(record) | record.settings
-    values["distractors"] = ", ".join(map(str, record.distractors))
-    for name in ("created", "consent", "settings"):
+    for name in ("created", "settings"):
         del values[name]
     return values
 
@@ -303,13 +284,18 @@ class Session:
 
     Attributes:
         record: the study.
-        cell: form and condition.
+        person: the participant, with form and condition.
         answers: answers so far, in task order.
     """
 
     record: StudyRecord
-    cell: Cell
+    person: Participant
     answers: tuple[Answer, ...]
+
+    @property
+    def seed(self) -> int:
+        """Seed of the session's form."""
+        return self.record.seed + self.person.cell.form
 
     @property
     def is_finished(self) -> bool:
@@ -318,30 +304,7 @@ class Session:
 
     def table_of(self, answer: Answer) -> TableKey:
         """Return the key of an answer's table: the table follows from it, graph and split."""
-        seed = self.record.seed + self.cell.form
-        return self.cell.distractors, seed, answer.part, answer.number
-
-
-@dataclass(frozen=True)
-class ReadStudy:
-    """A study on disk.
-
-    Attributes:
-        record: identity of the study.
-        answers: answers in task order of each person, in starting order, without withdrawn people;
-            empty for people without answers.
-    """
-
-    record: StudyRecord
-    answers: dict[Participant, tuple[StoredAnswer, ...]]
-
-    @property
-    def sessions(self) -> list[Session]:
-        """Each person's answers as a session."""
-        return [
-            Session(self.record, person.cell, tuple(stored.answer for stored in answers))
-            for person, answers in self.answers.items()
-        ]
+        return self.person.cell.distractors, self.seed, answer.part, answer.number
 
     def lines(self) -> Iterator[dict[str, Any]]:
         """Yield exported answers: nothing about a person but number, form and condition.
@@ -349,33 +312,33 @@ class ReadStudy:
         ``session`` is the person number, ``seed`` the seed of the form, and ``loads`` counts page
         loads: more than one after a reload or a return.
         """
-        for person, answers in self.answers.items():
-            assignment = {
-                "session": person.number,
-                "form": person.cell.form,
-                "distractors": person.cell.distractors,
-                "seed": self.record.seed + person.cell.form,
-            }
-            for stored in answers:
-                yield assignment | as_values(stored.answer) | {"loads": stored.loads}
+        assignment = {
+            "session": self.person.number,
+            "form": self.person.cell.form,
+            "distractors": self.person.cell.distractors,
+            "seed": self.seed,
+        }
+        for answer in self.answers:
+            yield assignment | as_values(answer)
 
 
-def read_study(folder: Path) -> ReadStudy:
-    """Read a study folder; nothing is written, and a server may be running.
+def read_study(folder: Path) -> list[Session]:
+    """Return the sessions in a study folder, in starting order, without withdrawn people.
+
+    Nothing is written, and a server may be running.
 
     Raises:
         ArtefactError: if a file is missing or damaged, or the answers contradict each other.
     """
     record, identity = read_study_record(folder)
     path = folder / ANSWERS_FILE
-    study = ReadStudy(record, read_answers(path, identity))
     turns = schedule(record.tasks)
-    for person, answers in study.answers.items():
+    sessions = []
+    for person, answers in read_answers(path, identity).items():
         # The server poses tasks in order, so answers are the start of the schedule without a gap.
-        order = tuple((stored.answer.part, stored.answer.number) for stored in answers)
+        order = tuple((answer.part, answer.number) for answer in answers)
         is_in_order = order == turns[: len(order)]
-        is_sound = all(stored.answer.is_sound and stored.loads >= 1 for stored in answers)
-        if not (is_in_order and is_sound):
+        if not (is_in_order and all(answer.is_sound for answer in answers)):
             raise ArtefactError(
                 f"{path} is damaged: the answers of person {person.number} are inconsistent."
             )
@@ -384,4 +347,5 @@ def read_study(folder: Path) -> ReadStudy:
                 f"{path} is damaged: {person.cell.distractors} distractors are not a condition of "
                 "this study."
             )
-    return study
+        sessions.append(Session(record, person, answers))
+    return sessions

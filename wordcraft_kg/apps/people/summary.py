@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache, partial
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -11,7 +12,6 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.apps.people.protocol import HUMAN_PARTS, Answer, HumanProtocol, PosedTask
 from wordcraft_kg.apps.people.study import (
-    ReadStudy,
     Session,
     StudyRecord,
     TableKey,
@@ -105,79 +105,66 @@ class HumanSummary(Record):
         graph: name of the graph.
         graph_hash: hash of the graph.
         settings: settings that the sessions share, by name.
-        sessions: number of people who have begun.
-        finished: number of people who have answered all tasks.
         conditions: results by number of distractors, ascending.
     """
 
     graph: str
     graph_hash: str
     settings: dict[str, int | str]
-    sessions: Count
-    finished: Count
     conditions: tuple[PeopleCondition, ...]
 
 
 def view_people(
-    sources: Mapping[Path, ReadStudy],
-    agents: Mapping[str, Mapping[TableKey, AgentGame]] | None = None,
+    studies: Mapping[Path, Sequence[Session]],
+    agents: Mapping[str, Mapping[TableKey, AgentGame]],
 ) -> HumanSummary:
     """Return success rates over the sessions of one or several studies.
 
     Args:
-        sources: studies by their folders.
-        agents: games of each agent at people's tables, by name and table; None for no agents.
+        studies: sessions of each study by its folder.
+        agents: games of each agent at people's tables, by name and table.
 
     Raises:
         ArtefactError: if two studies have the same answers, which would count twice.
         GraphMismatchError: if the graphs or splits differ.
         ConfigError: if settings of the tasks differ, or there is no session.
     """
-    _check_sources(sources)
-    sessions = list(chain.from_iterable(study.sessions for study in sources.values()))
-    by_amount = defaultdict[int, list[Session]](list)
-    for session in sessions:
-        by_amount[session.cell.distractors].append(session)
-    record = sessions[0].record
-    return HumanSummary(
-        graph=record.graph,
-        graph_hash=record.graph_hash,
-        settings=record.settings,
-        sessions=len(sessions),
-        finished=_finished(sessions),
-        conditions=tuple(
-            PeopleCondition(
-                distractors=amount,
-                sessions=len(by_amount[amount]),
-                finished=_finished(by_amount[amount]),
-                parts={part: _rate(part, by_amount[amount], agents or {}) for part in HUMAN_PARTS},
-            )
-            for amount in sorted(by_amount)
-        ),
-    )
-
-
-def _finished(sessions: Sequence[Session]) -> int:
-    return sum(session.is_finished for session in sessions)
-
-
-def _check_sources(sources: Mapping[Path, ReadStudy]) -> None:
-    """Check that studies may be summed up, see :func:`view_people`."""
-    if not any(study.answers for study in sources.values()):
+    sessions = list(chain.from_iterable(studies.values()))
+    if not sessions:
         raise ConfigError("no session: expected a study with participants.")
-    first_path, first = next(iter(sources.items()))
+    record = sessions[0].record
     # Studies may differ in conditions and forms, that is, in distractors and seeds.
-    shared = _task_settings(first.record)
+    shared = _task_settings(record)
     folders: dict[tuple[tuple[Answer, ...], ...], Path] = {}
-    for path, study in sources.items():
-        check_equal(f"'{path}' has", _task_settings(study.record), f"'{first_path}' has", shared)
-        answers = tuple(session.answers for session in study.sessions)
+    for path, of_study in studies.items():
+        for session in of_study:
+            check_equal(
+                f"'{path}' has", _task_settings(session.record), "another study has", shared
+            )
+        answers = tuple(session.answers for session in of_study)
         if answers in folders:
             raise ArtefactError(
                 f"{path} has the same answers as {folders[answers]}; give each study once."
             )
         if any(answers):  # studies without answers are equal without being the same
             folders[answers] = path
+    by_amount = defaultdict[int, list[Session]](list)
+    for session in sessions:
+        by_amount[session.person.cell.distractors].append(session)
+    return HumanSummary(
+        graph=record.graph,
+        graph_hash=record.graph_hash,
+        settings=record.settings,
+        conditions=tuple(
+            PeopleCondition(
+                distractors=amount,
+                sessions=len(by_amount[amount]),
+                finished=sum(session.is_finished for session in by_amount[amount]),
+                parts={part: _rate(part, by_amount[amount], agents) for part in HUMAN_PARTS},
+            )
+            for amount in sorted(by_amount)
+        ),
+    )
 
 
 def _task_settings(record: StudyRecord) -> dict[str, int | str]:
@@ -285,7 +272,7 @@ def _posed_tasks(
     agent: "OpenedAgent", world: World, sessions: Iterable[Session]
 ) -> dict[TableKey, PosedTask]:
     """Pose all answered tasks again, and check them."""
-    protocols: dict[int, HumanProtocol] = {}
+    protocol_of = cache(partial(HumanProtocol, world))
     posed: dict[TableKey, PosedTask] = {}
     for session in sessions:
         record = session.record
@@ -295,13 +282,11 @@ def _posed_tasks(
             f"'{agent.name}' was trained on",
             {"graph_hash": agent.opened.graph.hash, "split_hash": agent.opened.split.hash},
         )
-        distractors = session.cell.distractors
-        if distractors not in protocols:
-            protocols[distractors] = HumanProtocol(world, distractors)
+        distractors = session.person.cell.distractors
         for answer in session.answers:
             key = session.table_of(answer)
             if key not in posed:
-                posed[key] = protocols[distractors].task(*key[1:])
+                posed[key] = protocol_of(distractors).task(*key[1:])
             if not posed[key].is_of(answer):
                 raise ArtefactError(
                     f"{answer.part} task {answer.number} of seed {key[1]}, {distractors} "

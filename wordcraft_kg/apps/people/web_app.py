@@ -52,7 +52,10 @@ FAREWELLS: dict[str, dict[str, Any]] = {
     },
 }
 """Pages for people who leave, by the end of their address."""
-NOT_A_CODE = "A code consists of 12 letters and digits, such as k7qm-2xwd-9hrt."
+NO_CODE = (
+    "There is no session with this code. A code consists of 12 letters and digits, such as "
+    "k7qm-2xwd-9hrt."
+)
 Form = Mapping[str, str]
 Endpoint = Callable[[Request], Awaitable[Response]]
 Reply = Callable[[Request, Form, str, Participant], Response]
@@ -115,12 +118,12 @@ def new_code() -> str:
     return _grouped("".join(secrets.choice(ALPHABET) for _ in range(LENGTH)))
 
 
-def read_code(typed: str) -> str | None:
-    """Return a code that was typed with any capitals, blanks and dashes; None if it is no code."""
+def read_code(typed: str) -> str:
+    """Return a code that was typed with any capitals, blanks and dashes; "" if it is no code."""
     # Cut before anything else, so that a long text costs nothing.
     letters = re.sub(r"[\s\-–—._]", "", typed[:100]).lower()
     is_code = len(letters) == LENGTH and set(letters) <= set(ALPHABET)
-    return _grouped(letters) if is_code else None
+    return _grouped(letters) if is_code else ""
 
 
 def code_hash(code: str) -> str:
@@ -162,7 +165,7 @@ class _Server:
             return _to("/declined")
         code = read_code(form.get("code", ""))
         # Nothing but an explicit yes begins a session.
-        if form.get("consent") != "yes" or code is None:
+        if form.get("consent") != "yes" or not code:
             return _to("/")
         await run_in_threadpool(self.answers.begin, code_hash(code), self.study.cells)
         return _to(f"/s/{code}")
@@ -170,17 +173,9 @@ class _Server:
     async def come_back(self, request: Request) -> Response:
         typed = (await _form(request)).get("code", "").strip()[:100]
         code = read_code(typed)
-        if code is None:
-            return self._page("first", 400, code=new_code(), problem=NOT_A_CODE, typed=typed)
-        person = await run_in_threadpool(self.answers.find, code_hash(code))
-        if person is None:
-            return self._page(
-                "first",
-                404,
-                code=new_code(),
-                problem="There is no session with this code.",
-                typed=typed,
-            )
+        # No session has the hash of an empty code.
+        if await run_in_threadpool(self.answers.find, code_hash(code)) is None:
+            return self._page("first", 404, code=new_code(), problem=NO_CODE, typed=typed)
         return _to(f"/s/{code}")
 
     def of_person(self, reply: Reply) -> Endpoint:
@@ -191,8 +186,8 @@ class _Server:
 
             def replied() -> Response:
                 code = read_code(request.path_params["code"])
-                person = None if code is None else self.answers.find(code_hash(code))
-                if code is None or person is None:
+                person = self.answers.find(code_hash(code))
+                if person is None:
                     return self._missing(NO_SESSION)
                 return reply(request, form, code, person)
 
@@ -242,19 +237,16 @@ class _Server:
         )
 
     def answer(self, _: Request, form: Form, code: str, person: Participant) -> Response:
-        time = (
-            self.clock()
-        )  # before anything else: waiting for the database is not the person's time
+        # Before anything else: waiting for the database is not the person's time.
+        time = self.clock()
         tasks = self.study.tasks(person.cell)
         place = len(self.answers.answers_of(person))
         number = _number(form.get("task", ""))
         present_task = _to(f"/s/{code}/task")
-        if number is None:
-            return present_task
         # A repeated form, as after a lost answer of the server: the first answer stays.
-        if number < place:
-            return self._after(code, tasks, number)
-        if number > place or place == len(tasks):
+        if number is not None and number < place:
+            return _after(code, tasks[number])
+        if number != place or place == len(tasks):
             return present_task
         # Only a task that was shown has a time, and only the present one can be answered.
         task = tasks[place]
@@ -262,24 +254,15 @@ class _Server:
         if shown is None:
             return present_task
         protocol = self.study.protocol(person.cell)
-        slots = _slots(form.get("first", ""), task, max(protocol.most_picks, 1))
+        picks = form.get("first", "")
         if not protocol.most_picks:
-            second = _slots(form.get("second", ""), task, 1)
-            slots = slots + second if slots and second else ()
+            picks += f",{form.get('second', '')}"
+        slots = _slots(picks, task, protocol.most_picks or 2)
         if not slots:
             return present_task
         # After a restart, the clock may begin before the time of showing.
         self.answers.add(person, protocol.answer(task, slots, max(time - shown, 0.0)))
-        return self._after(code, tasks, number)
-
-    def _after(self, code: str, tasks: tuple[PosedTask, ...], place: int) -> Response:
-        """Lead to the page after an answer: the solution for a train task, else the next task."""
-        task = tasks[place]
-        if task.part == "train":
-            return _to(f"/s/{code}/feedback/{task.number}")
-        if place + 1 < len(tasks):
-            return _to(f"/s/{code}/task")
-        return _to(f"/s/{code}/end")
+        return _after(code, task)
 
     def feedback(self, request: Request, _: Form, code: str, person: Participant) -> Response:
         tasks = self.study.tasks(person.cell)
@@ -321,8 +304,6 @@ class _Server:
         return self.environment.get_template(f"{name}.html.j2").render(**values)
 
     def error(self, status: int, message: str) -> str:
-        if status == 500:  # participants must not see the log
-            message = "Something went wrong. Please reload the page."
         return self._render("error", status=status, message=message)
 
     def _missing(self, message: str = "This page does not exist.") -> Response:
@@ -340,6 +321,14 @@ async def _form(request: Request) -> dict[str, str]:
         return dict(parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=20))
     except (ValueError, ClientDisconnect):
         return {}
+
+
+def _after(code: str, task: PosedTask) -> Response:
+    """Lead to the page after an answer: the solution for a train task, else the next task."""
+    if task.part == "train":
+        return _to(f"/s/{code}/feedback/{task.number}")
+    # After the last task, this page leads to the end.
+    return _to(f"/s/{code}/task")
 
 
 def _slots(text: str, task: PosedTask, most: int) -> tuple[int, ...]:

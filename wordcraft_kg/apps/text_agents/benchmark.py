@@ -7,18 +7,16 @@ table as ids of a book, whose content hash guards the ids.
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
 
-from wordcraft_kg.apps.text_agents.conversation import PartialGraphKnowledge
 from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, Play, TaskGames
-from wordcraft_kg.apps.text_agents.settings import GameSettings, LookUps
 from wordcraft_kg.base import (
     ConfigError,
     Count,
@@ -26,7 +24,6 @@ from wordcraft_kg.base import (
     Hash,
     Record,
     nearest,
-    one_of,
     parse_record,
     read_small_file,
 )
@@ -198,55 +195,23 @@ class Track:
         )
         return World(self.opened, config, task_set(self.opened.graph, frozen.depth, frozen.tasks))
 
-    def play(self, look_ups: str = "none", **rules: Any) -> Play:
+    def play(self, knowledge: str = "none", **rules: Any) -> Play:
         """Return the games as conversations.
 
         Args:
-            look_ups: source of look-ups: none, or partial (the train recipes).
+            knowledge: source of look-ups: none, or partial (the train recipes).
             rules: fields of the played settings that replace the track's, such as ``prompt_hash``.
 
         Raises:
             ConfigError: for other look-ups.
         """
-        one_of("knowledge", look_ups, get_args(LookUps))
         frozen = self.frozen
-        knowledge = PartialGraphKnowledge(self.opened.split) if look_ups == "partial" else None
-        rules = {"track": self.full_name, **rules}
+        rules = {"track": self.full_name, "knowledge": knowledge, **rules}
         if self.is_open_ended:
             rules |= {"attempts": frozen.attempts, "orders": frozen.orders}
-            return DiscoveryGames(self.opened, knowledge, distractor_seeds=len(self), **rules)
+            return DiscoveryGames(self.opened, distractor_seeds=len(self), **rules)
         # The frozen table replaces the drawn one, so the distractor seed has no meaning.
-        return TaskGames(
-            self.world, knowledge, table=lambda task, _: [*frozen.tasks[task].table], **rules
-        )
-
-
-def choose_games(
-    graph: str, settings: GameSettings, track: str | None = None, **rules: Any
-) -> Play:
-    """Open the games of a track, or those that the settings describe.
-
-    Args:
-        graph: graph folder, recipe book file, or name of a built-in book.
-        settings: the games; beside a track, only its ``knowledge`` may be given.
-        track: name of a track; None for the games of the settings.
-        rules: further fields of the played settings.
-
-    Raises:
-        ConfigError: for settings that do not fit the graph or the track, or an unknown track.
-        GraphMismatchError: if the scorer is of another graph or split.
-        LeakError: if a scorer would reveal its train recipes on train tasks.
-        TaskError: if the graph has no task for these settings.
-        RecipeFileError: if there is no such graph, or a book cannot be read.
-        ArtefactError: if the scorer's folder or a graph folder is unfinished or damaged.
-    """
-    if track is None:
-        return Play.open(graph, settings, **rules)
-    if (graph, replace(settings, knowledge="none", scorer=None)) != ("everyday", GameSettings()):
-        raise ConfigError(
-            "`track` has its own games; omit the graph and the options of games but `knowledge`."
-        )
-    return open_track(track).play(settings.knowledge, **rules)
+        return TaskGames(self.world, table=lambda task, _: [*frozen.tasks[task].table], **rules)
 
 
 @cache

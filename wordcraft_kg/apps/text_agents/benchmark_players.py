@@ -70,8 +70,9 @@ _SCRIPTED = {
     "votes": ("partial KG, votes", ""),
     "graph": ("partial KG, u+v", ""),
     "oracle": ("recipe oracle", "greedy"),
+    "planner": ("partial KG, planner", ""),
 }
-"""Names of scripted players by kind, and of the discoverers that play open-ended games for them."""
+"""Names of scripted players, and of the discoverers that play open-ended games for them."""
 _KNOWS = {
     "random": _TRAINED_ON["none"],
     "nearest-words": f"{_TRAINED_ON['none']}, words",
@@ -93,7 +94,6 @@ class RunSettings:
         messages: folder for a program's prompts and answers.
         look_ups: source of look-ups: none, or partial (the train recipes).
         timeout: seconds for an answer of a program.
-        weights: file with the player's weights, for the hash; None without weights.
         is_replacing: whether complete or other games in ``messages`` are played anew.
         base_url: address of a chat completions API; None for other players.
         parallel: games that a model behind an address plays at a time.
@@ -102,7 +102,6 @@ class RunSettings:
     messages: Path
     look_ups: LookUps = "none"
     timeout: float = TIMEOUT
-    weights: Path | None = None
     is_replacing: bool = False
     base_url: str | None = None
     parallel: int = 1
@@ -327,22 +326,21 @@ def named_player(name: str, opened: OpenedGraph, tasks: TaskSet) -> tuple[str, "
     from wordcraft_kg.agents.players import knowledge_players, words_player  # these load torch
 
     kind, colon, folder = name.partition(":")
-    scripted = {player_kind: title for player_kind, (title, _) in _SCRIPTED.items()}
-    scripted["planner"] = "partial KG, planner"
     if not colon and kind == "nearest-words":
         ((title, player),) = words_player(opened.graph).items()
         return title, player
-    if not colon and kind in scripted:
+    if not colon and kind in _SCRIPTED:
         players = knowledge_players(opened.split)
-        if scripted[kind] not in players:
+        title, _ = _SCRIPTED[kind]
+        if title not in players:
             raise ConfigError(
                 f"`player` '{kind}': expected a book of pairs, but {opened.graph.name} has recipes "
                 "of other sizes. Choose random, nearest-words, graph or oracle."
             )
-        return scripted[kind], players[scripted[kind]]
+        return title, players[title]
     if not folder or kind not in ("agent", "planner", "scorer"):
         raise ConfigError(
-            f"`player` '{name[:100]}': expected one of {', '.join(scripted)}, planner:MODEL, "
+            f"`player` '{name[:100]}': expected one of {', '.join(_SCRIPTED)}, planner:MODEL, "
             "scorer:MODEL, agent:RUN."
         )
     if kind == "agent":
@@ -431,7 +429,7 @@ def _agent(track: Track, argument: str, settings: RunSettings) -> Entrant:
     features = agent.config.policy.features
     words = f", {Path(features).name} words"
     # The other kinds of features come from no words, or are in the scorer's list already.
-    if features not in ("learned", "one-hot", "random") and words not in knows:
+    if features not in ("one-hot", "random") and words not in knows:
         knows += words
     return Entrant(agent.name, decisions(track, PolicyPlayer(agent.policy)), knows, weights=weights)
 
@@ -548,13 +546,16 @@ KINDS: Registry[Kind] = Registry(
 """Kinds of players by name."""
 
 
-def enter(track: Track, player: str, settings: RunSettings) -> tuple[str, Entrant]:
+def enter(
+    track: Track, player: str, settings: RunSettings, weights: Path | None = None
+) -> tuple[str, Entrant]:
     """Let a player play all games of a track.
 
     Args:
         track: the track.
         player: ``KIND`` or ``KIND:ARGUMENT``, see :data:`KINDS`.
         settings: settings for text players.
+        weights: file with a text player's weights, for the hash; None without weights.
 
     Returns:
         The name of the kind, and the player's decisions.
@@ -572,16 +573,16 @@ def enter(track: Track, player: str, settings: RunSettings) -> tuple[str, Entran
     kind = KINDS[name]
     if bool(argument) != bool(kind.argument):
         raise ConfigError(f"`player` '{player[:100]}': expected {kind.usage(name)}.")
-    if name not in TEXT_PLAYERS and (settings.look_ups != "none" or settings.weights):
+    if name not in TEXT_PLAYERS and (settings.look_ups != "none" or weights):
         raise ConfigError(
             f"`look_ups` or `weights`: expected a player by text ({', '.join(TEXT_PLAYERS)}), but "
             f"got {name}."
         )
-    if not settings.weights:
+    if not weights:
         return name, kind.enter(track, argument, settings)
-    check_file(settings.weights)
-    weights = {settings.weights.name: sha256_of(settings.weights)}
-    return name, replace(kind.enter(track, argument, settings), weights=weights)
+    check_file(weights)
+    hashes = {weights.name: sha256_of(weights)}
+    return name, replace(kind.enter(track, argument, settings), weights=hashes)
 
 
 def declarations(
@@ -658,7 +659,7 @@ def reproduce(
     track = open_track(submission.track)
     with TemporaryDirectory() as messages:
         kind, entrant = enter(
-            track, player, RunSettings(Path(messages), submission.knowledge, timeout, weights)
+            track, player, RunSettings(Path(messages), submission.knowledge, timeout), weights
         )
     path = folder / GAMES_FILE
     play = track.play(submission.knowledge)

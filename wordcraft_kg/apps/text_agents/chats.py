@@ -9,7 +9,6 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -20,7 +19,7 @@ from wordcraft_kg.apps.text_agents.benchmark import read_manifest
 from wordcraft_kg.apps.text_agents.benchmark_players import check_graph, decided_pairs
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import Picks, TaskGame
-from wordcraft_kg.apps.text_agents.plays import NamedGame, Play, chosen_tasks
+from wordcraft_kg.apps.text_agents.plays import Play, chosen_tasks
 from wordcraft_kg.base import (
     MAX_SIZE,
     ConfigError,
@@ -32,7 +31,7 @@ from wordcraft_kg.base import (
     write_atomically,
 )
 from wordcraft_kg.envs.words import combined
-from wordcraft_kg.graphs import OpenedGraph, padded
+from wordcraft_kg.graphs import Ids, OpenedGraph, padded
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.players import Player
@@ -170,54 +169,16 @@ language model learns the game and not its prompt.
 """
 
 
-@dataclass(frozen=True)
-class ChatSettings:
-    """Conversations to write.
+def new_counts() -> dict[str, Any]:
+    """Return counts of games, all 0.
 
-    Attributes:
-        style: calls of a tool, or text.
-        kept: games to keep.
-        tables: tables for each task, each with distractors of its own.
-        tasks: most tasks of each depth and number of distractors, evenly spaced; None for all.
-        mistakes: probability of a mistake before each attempt of the player, from 0 to below 1.
-        seed: seed of the player, the tables, the wordings and the orders.
-        difficulty: least and largest measured difficulty of the tasks; None for all.
+    These are all games (``played``), those that made the goal (``made``), those that were not to be
+    kept (``left_out``) or whose conversation was written before (``repeated``), and conversations:
+    all ``written``, those that do not make the goal (``lost``), those that make it after a mistake
+    (``recovered``), by depth, and by wording of the rules.
     """
-
-    style: Style = "tools"
-    kept: Kept = "made"
-    tables: int = 1
-    tasks: int | None = None
-    mistakes: float = 0.0
-    seed: int = 0
-    difficulty: tuple[float, float] | None = None
-
-
-@dataclass
-class ChatCounts:
-    """Counts of games while conversations are written.
-
-    Attributes:
-        played: all games.
-        made: games that made the goal.
-        left_out: games that were not to be kept.
-        repeated: games left out because an equal conversation was written before.
-        written: written conversations.
-        lost: written conversations that do not make the goal.
-        recovered: written conversations that make it after a mistake.
-        by_depth: written conversations by depth.
-        by_wording: written conversations by wording of the rules.
-    """
-
-    played: int = 0
-    made: int = 0
-    left_out: int = 0
-    repeated: int = 0
-    written: int = 0
-    lost: int = 0
-    recovered: int = 0
-    by_depth: Counter[int] = field(default_factory=Counter)
-    by_wording: Counter[int] = field(default_factory=Counter)
+    names = ("played", "made", "left_out", "repeated", "written", "lost", "recovered")
+    return {**dict.fromkeys(names, 0), "by_depth": Counter(), "by_wording": Counter()}
 
 
 def worded_rules(talk: Conversation, wording: int, *, by_tool: bool) -> str:
@@ -238,11 +199,18 @@ def worded_rules(talk: Conversation, wording: int, *, by_tool: bool) -> str:
     return f"{text}\n{call if by_tool else form.format(form=_FORM[is_set])}"
 
 
-def chat_rows(
+def chat_rows(  # noqa: PLR0913 - each argument is an option of the command
     plays: Sequence[Play],
     player: "Player",
-    settings: ChatSettings,
-    counts: ChatCounts,
+    counts: dict[str, Any],
+    *,
+    style: Style = "tools",
+    keep: Kept = "made",
+    tables: int = 1,
+    tasks: int | None = None,
+    mistakes: float = 0.0,
+    seed: int = 0,
+    difficulty: tuple[float, float] | None = None,
     scorer: "RecipeScorer | None" = None,
 ) -> Iterator[dict[str, Any]]:
     """Let a player play the train tasks, and yield the conversations.
@@ -250,8 +218,14 @@ def chat_rows(
     Args:
         plays: games of the part train, for each depth and number of distractors.
         player: a scripted player or a policy.
-        settings: conversations to yield.
-        counts: counts, which this function adds to.
+        counts: counts of :func:`new_counts`, which this function adds to.
+        style: calls of a tool, or text.
+        keep: games to keep.
+        tables: tables for each task, each with distractors of its own.
+        tasks: most tasks of each depth and number of distractors, evenly spaced; None for all.
+        mistakes: probability of a mistake before each attempt of the player, from 0 to below 1.
+        seed: seed of the player, the tables, the wordings and the orders.
+        difficulty: least and largest measured difficulty of the tasks; None for all.
         scorer: scorer of recipes whose evidence is the reason of each attempt; None for answers
             without reasons.
 
@@ -275,31 +249,33 @@ def chat_rows(
                 "tell a language model what the benchmark asks it."
             )
         # A generator for each depth and number of distractors: others do not change its games.
-        key = [settings.seed, play.settings.depth or 0, play.settings.distractors or 0]
+        key = [seed, play.settings.depth or 0, play.settings.distractors or 0]
         rng = np.random.default_rng(key)
         words = np.random.default_rng([*key, 1])
-        for talk, pairs in _played(play, player, settings, rng):
+        numbers = np.tile(chosen_tasks(play.world, tasks, difficulty), tables)
+        for talk, pairs in _played(play, player, numbers, rng):
             game = talk.game
             assert isinstance(game, TaskGame)
             wording = int(words.integers(len(WORDINGS) + 1))
-            messages, mistakes = _said(talk, game, pairs, settings, wording, words, scorer)
-            counts.played += 1
-            counts.made += game.is_made
-            if not _is_kept(game, settings.kept, mistakes):
-                counts.left_out += 1
+            rules = worded_rules(talk, wording, by_tool=style == "tools")
+            messages, places = _said(talk, game, pairs, rules, style, mistakes, words, scorer)
+            counts["played"] += 1
+            counts["made"] += game.is_made
+            if not _is_kept(game, keep, places):
+                counts["left_out"] += 1
             elif (digest := hashlib.sha256(json.dumps(messages).encode()).digest()) in digests:
-                counts.repeated += 1
+                counts["repeated"] += 1
             else:
                 digests.add(digest)
-                counts.written += 1
-                counts.lost += not game.is_made
-                counts.recovered += game.is_made and bool(mistakes)
-                counts.by_depth[play.settings.depth or 0] += 1
-                counts.by_wording[wording] += 1
+                counts["written"] += 1
+                counts["lost"] += not game.is_made
+                counts["recovered"] += game.is_made and bool(places)
+                counts["by_depth"][play.settings.depth] += 1
+                counts["by_wording"][wording] += 1
                 schema = COMBINE_SET if game.most_picks else COMBINE
-                tools = {"tools": [schema]} if settings.style == "tools" else {}
+                tools = {"tools": [schema]} if style == "tools" else {}
                 yield {
-                    "id": NamedGame(play, game.task, game.distractor_seed).name,
+                    "id": talk.name,
                     "messages": messages,
                     **tools,
                     "part": play.settings.part,
@@ -309,18 +285,17 @@ def chat_rows(
                     "attempts": len(game.pairs),
                     "made": game.is_made,
                     "wording": wording,
-                    "mistakes": mistakes,
+                    "mistakes": places,
                     "canary": canary,
                 }
 
 
 def _played(
-    play: Play, player: "Player", settings: ChatSettings, rng: np.random.Generator
+    play: Play, player: "Player", tasks: Ids, rng: np.random.Generator
 ) -> Iterator[tuple[Conversation, Sequence[Picks | None]]]:
-    """Yield each game's conversation at its beginning, and the player's pairs."""
+    """Yield the conversation of a game on each task at its beginning, and the player's pairs."""
     world = play.world
     graph = world.graph
-    tasks = np.tile(chosen_tasks(world, settings.tasks, settings.difficulty), settings.tables)
     # Each game has a seed of its own: with a seed for each table, a task would meet the same
     # distractors at every depth and number of distractors.
     seeds = rng.integers(MAX_SIZE, size=len(tasks))
@@ -340,14 +315,18 @@ def _said(
     talk: Conversation,
     game: TaskGame,
     pairs: Sequence[Picks | None],
-    settings: ChatSettings,
-    wording: int,
+    rules: str,
+    style: Style,
+    share: float,
     rng: np.random.Generator,
     scorer: "RecipeScorer | None",
 ) -> tuple[list[Message], list[int]]:
-    """Play a game again in words; return all messages, and the places of mistakes."""
-    by_tool = settings.style == "tools"
-    rules = worded_rules(talk, wording, by_tool=by_tool)
+    """Play a game again in words, with mistakes before a share of the attempts.
+
+    Returns:
+        All messages, and the places of mistakes among them.
+    """
+    by_tool = style == "tools"
     messages: list[Message] = [
         {"role": "system", "content": rules},
         {"role": "user", "content": game.state},
@@ -356,7 +335,7 @@ def _said(
         messages = [{"role": "user", "content": f"{rules}\n\n{game.state}"}]
     mistakes: list[int] = []
     for pair in pairs:
-        if not talk.is_over and rng.random() < settings.mistakes:
+        if not talk.is_over and rng.random() < share:
             mistakes.append(len(messages))
             messages += _turn(talk, _mistake(game, rng), by_tool)
         # A mistake may have taken the last attempt.

@@ -5,68 +5,22 @@ OpenEnv, TRL, Gymnasium or Inspect.
 """
 
 import re
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Callable
 
 import numpy as np
 
 from wordcraft_kg.apps.text_agents.games import Game, TaskGame
-from wordcraft_kg.apps.text_agents.settings import (
-    LOOK_UPS,
-    MAX_INVALID,
-    GameSettings,
-    KnowledgeKind,
-)
-from wordcraft_kg.base import (
-    MAX_SIZE,
-    ActionError,
-    EpisodeError,
-    GraphMismatchError,
-    LeakError,
-    counted,
-)
+from wordcraft_kg.apps.text_agents.settings import MAX_INVALID
+from wordcraft_kg.base import MAX_SIZE, ActionError, EpisodeError, counted
 from wordcraft_kg.base.answers import answer_line, read_answer, read_set
 from wordcraft_kg.base.labels import read_label
 from wordcraft_kg.envs.words import combined, prompt_text
-from wordcraft_kg.graphs import (
-    COMBINES_WITH,
-    COMPONENT_OF,
-    Ids,
-    OpenedGraph,
-    Split,
-    TrainedOn,
-    layers,
-)
+from wordcraft_kg.graphs import layers
 
-if TYPE_CHECKING:
-    from wordcraft_kg.models.scorers.protocol import TripleScorer
-
+Facts = Callable[[Game, int], list[str]]
+"""From a game and an entity (id) to facts about it as text lines, the most relevant first."""
 _MOST_FACTS = 40
 """Most recipes in a reply; some entities have hundreds."""
-_MOST_LINKS = 10
-"""Most entities in a reply for each kind of link."""
-
-
-class Knowledge(ABC):
-    """Base class for facts to look up.
-
-    Attributes:
-        kind: the kind's name in settings.
-        prompt: name of the prompt text with facts.
-        scorer: hash of a scorer's weights; None for facts without a scorer.
-        kg: training triples of the scorer (full or partial); one of the full graph remembers the
-            test recipes. None for facts without a scorer.
-    """
-
-    scorer: str | None = None
-    kg: TrainedOn | None = None
-    kind: ClassVar[KnowledgeKind]
-    prompt: ClassVar[str]
-
-    @abstractmethod
-    def facts(self, entity: int, game: Game) -> list[str]:
-        """Return the facts about an entity (id) as text lines, the most relevant first."""
 
 
 def hidden_pairs(game: Game) -> set[int]:
@@ -94,172 +48,42 @@ def hidden_pairs(game: Game) -> set[int]:
     return {*graph.pair_of_recipe[rows].tolist()}
 
 
-class PartialGraphKnowledge(Knowledge):
-    """Look-ups in the train recipes without :func:`hidden_pairs`.
+def known_recipes(game: Game, entity: int) -> list[str]:
+    """Return the train recipes with an entity as text lines, at most 40, without hidden pairs.
 
     First come the recipes that make the entity, then those that use it with something at hand, then
-    its other uses.
-    """
-
-    kind = "partial"
-    prompt = "known_recipes"
-
-    def __init__(self, split: Split):
-        self.graph = split.graph
-        self._is_known = split.is_in("train")
-
-    def facts(self, entity: int, game: Game) -> list[str]:
-        """Return the train recipes with an entity (id) as text lines, at most 40."""
-        graph = self.graph
-        hidden = hidden_pairs(game)
-        at_hand = {graph.id_of(label) for label in game.labels}
-
-        def rank(row: int) -> tuple[int, int]:
-            *ingredients, result = graph.sets[row].tolist()
-            partners = {*ingredients} - {entity, graph.num_entities} or {entity}
-            if result == entity:
-                relevance = 0
-            elif partners <= at_hand:
-                relevance = 1
-            else:
-                relevance = 2
-            # The row breaks ties, so that replies never depend on a set.
-            return relevance, row
-
-        rows = {*graph.recipes_of(entity).tolist(), *graph.uses_of(entity).tolist()}
-        visible = [
-            row for row in rows if self._is_known[row] and graph.pair_of_recipe[row] not in hidden
-        ]
-        ranked = sorted(visible, key=rank)
-        recipes = graph.recipe_labels(graph.sets[ranked[:_MOST_FACTS]])
-        facts = [combined(recipe.ingredients, (recipe.result,)) for recipe in recipes]
-        if len(ranked) > _MOST_FACTS:
-            rest_text = counted(len(ranked) - _MOST_FACTS, "more recipe")
-            facts.append(prompt_text("more_recipes", more=rest_text))
-        return facts
-
-
-class ScorerKnowledge(Knowledge):
-    """Facts from a scorer: its best partners, results and ingredients of an entity.
-
-    On a train task, the cross-fitted model trained without the task's recipes gives the scores. An
-    entity's combination with the same entity is omitted, because link predictors score almost all
-    of these high.
-    """
-
-    kind = "scorer"
-    prompt = "likely_links"
-
-    def __init__(
-        self,
-        scorer: "TripleScorer",
-        split: Split,
-        weights: str | None = None,
-        kg: TrainedOn | None = None,
-    ):
-        """Take a scorer.
-
-        Args:
-            scorer: a scorer for the split's graph.
-            split: the split of the games.
-            weights: hash of the scorer's weights; None if it was not read from a folder.
-            kg: training triples of the scorer (full or partial); None if unknown.
-
-        Raises:
-            GraphMismatchError: if the scorer is for another graph.
-        """
-        from wordcraft_kg.models.scorers.protocol import check_scorer
-
-        check_scorer(scorer, split.graph)
-        self.graph = split.graph
-        self.scorer = weights
-        self.kg = kg
-        self._scorer = scorer
-        # By hash of the tasks: for each task the number of the model that may answer.
-        self._models: dict[str, Ids] = {}
-
-    def facts(self, entity: int, game: Game) -> list[str]:
-        """Return an entity's best links as text lines; empty if no model may answer.
-
-        Raises:
-            LeakError: on a train task, for a scorer without folds: it has seen the answers.
-        """
-        scorer = self._answering(game)
-        return [] if scorer is None else [*self._links(scorer, entity, game)]
-
-    def _links(self, scorer: "TripleScorer", entity: int, game: Game) -> Iterator[str]:
-        candidates = np.delete(np.arange(self.graph.num_entities), entity)
-        at_hand = np.array([self.graph.id_of(label) for label in game.labels])
-        at_hand = at_hand[at_hand != entity]
-        # A partner must be at hand to be of use; what an entity makes, or is made of, may be any.
-        for prompt, ids, (head, relation, tail) in (
-            ("likely_partners", at_hand, (entity, COMBINES_WITH, at_hand)),
-            ("likely_results", candidates, (entity, COMPONENT_OF, candidates)),
-            ("likely_ingredients", candidates, (candidates, COMPONENT_OF, entity)),
-        ):
-            if len(ids):
-                scores = scorer.score(head, relation, tail).cpu().numpy()
-                # Stable: of equal scores, the entity that comes first in the graph wins.
-                best = np.argsort(-scores, kind="stable")[:_MOST_LINKS].tolist()
-                labels = self.graph.labels(ids[best].tolist())
-                links = [
-                    f"{label} ({score:.2f})"
-                    for label, score in zip(labels, scores[best].tolist(), strict=True)
-                ]
-                yield prompt_text(prompt, entities=", ".join(links))
-
-    def _answering(self, game: Game) -> "TripleScorer | None":
-        """Return the model that may answer in a game; None if none may."""
-        from wordcraft_kg.models.scorers.cross_fitting import folds_of, models_of_tasks
-
-        tasks = game.tasks
-        if tasks is None or tasks.part not in ("train", "all"):
-            return self._scorer
-        folds = folds_of(self._scorer)
-        if folds is None:
-            raise LeakError(
-                "the scorer has no folds, so look-ups on train tasks would leak training recipes. "
-                "Train with folds, "
-                "the default for train-complex and train-recipes, or play the test part."
-            )
-        if tasks.hash not in self._models:
-            self._models[tasks.hash] = models_of_tasks(folds.of_recipe, tasks)
-        # 0: the main model, if each plan has a recipe outside train. 1 to K: the model without this
-        # fold. K + 1: no single fold has a recipe of each plan, so no model may answer.
-        model = int(self._models[tasks.hash][game.task])
-        if model > folds.count:
-            return None
-        return folds.left_out(model - 1) if model else folds.whole
-
-
-def open_knowledge(settings: GameSettings, opened: OpenedGraph) -> Knowledge | None:
-    """Return the source of facts that the settings name.
+    its other uses. Hidden are :func:`hidden_pairs`.
 
     Args:
-        settings: the games; ``scorer`` is a model folder.
-        opened: graph and split of the games.
-
-    Returns:
-        The source of facts; None if the settings offer no look-ups.
-
-    Raises:
-        ArtefactError: if the model folder is unfinished or damaged.
-        GraphMismatchError: if the scorer is of another graph or split.
+        game: the game in which the entity is looked up.
+        entity: id of the entity.
     """
-    if settings.scorer is None:
-        return PartialGraphKnowledge(opened.split) if settings.knowledge == "partial" else None
-    from wordcraft_kg.models.model_folder import open_model
+    graph = game.graph
+    is_known = game.split.is_in("train")
+    hidden = hidden_pairs(game)
+    at_hand = {graph.id_of(label) for label in game.labels}
 
-    model = open_model(settings.scorer, opened.source)
-    if model.opened.split.hash != opened.split.hash:
-        raise GraphMismatchError(
-            f"{settings.scorer} belongs to split {model.opened.split.hash[:12]}, and the games to "
-            f"{opened.split.hash[:12]}: the scorer may know test recipes. Use the graph folder of "
-            "the scorer."
-        )
-    return ScorerKnowledge(
-        model.scorer, opened.split, model.run.outputs["model.safetensors"], model.kg
-    )
+    def rank(row: int) -> tuple[int, int]:
+        *ingredients, result = graph.sets[row].tolist()
+        partners = {*ingredients} - {entity, graph.num_entities} or {entity}
+        if result == entity:
+            relevance = 0
+        elif partners <= at_hand:
+            relevance = 1
+        else:
+            relevance = 2
+        # The row breaks ties, so that replies never depend on a set.
+        return relevance, row
+
+    rows = {*graph.recipes_of(entity).tolist(), *graph.uses_of(entity).tolist()}
+    visible = [row for row in rows if is_known[row] and graph.pair_of_recipe[row] not in hidden]
+    ranked = sorted(visible, key=rank)
+    recipes = graph.recipe_labels(graph.sets[ranked[:_MOST_FACTS]])
+    facts = [combined(recipe.ingredients, (recipe.result,)) for recipe in recipes]
+    if len(ranked) > _MOST_FACTS:
+        rest_text = counted(len(ranked) - _MOST_FACTS, "more recipe")
+        facts.append(prompt_text("more_recipes", more=rest_text))
+    return facts
 
 
 class Seat:
@@ -302,10 +126,11 @@ class Conversation:
 
     Attributes:
         game: the game.
-        name: the game's id on a server, or its name in a data set; empty elsewhere.
+        name: the game's name, or its id on a server of tools; empty for a game without either.
         invalid_actions: number of messages that were not understood.
         lost_attempts: number of attempts lost by them.
         look_ups: number of entities that were looked up.
+        offers_look_ups: number of look-ups in the game; 0 if none are offered.
         reward: reward of the last action.
         outcome: result of the last action, without the state.
         is_invalid: whether the last message was not understood.
@@ -328,24 +153,25 @@ class Conversation:
     def __init__(
         self,
         game: Game,
-        knowledge: Knowledge | None = None,
         *,
         max_invalid: int = MAX_INVALID,
-        look_ups: int = LOOK_UPS,
+        look_ups: int = 0,
+        knowledge: Facts = known_recipes,
     ):
         """Begin a conversation.
 
         Args:
             game: a game that has just begun.
-            knowledge: source of look-ups; None offers none.
             max_invalid: consecutive invalid messages without cost; the next one costs an attempt.
-            look_ups: look-ups in the game.
+            look_ups: look-ups in the game; 0 offers none.
+            knowledge: source of the look-ups.
         """
         self.game = game
         self.name = ""
         self.invalid_actions = 0
         self.lost_attempts = 0
         self.look_ups = 0
+        self.offers_look_ups = look_ups
         self.reward = 0.0
         self.outcome = ""
         self.is_invalid = False
@@ -353,7 +179,6 @@ class Conversation:
         self.on_end: Callable[[Conversation], None] | None = None
         self._knowledge = knowledge
         self._max_invalid = max_invalid
-        self._most_look_ups = look_ups
         self._in_a_row = 0
         self._room = MOST_CHARACTERS
         self.opening = f"{self.rules}\n\n{game.state}"
@@ -366,11 +191,6 @@ class Conversation:
         if self.offers_look_ups:
             parts.append(prompt_text("look_up", look_ups=counted(self.offers_look_ups, "look-up")))
         return "\n".join(parts)
-
-    @property
-    def offers_look_ups(self) -> int:
-        """Number of look-ups in the game; 0 if none are offered."""
-        return 0 if self._knowledge is None else self._most_look_ups
 
     @property
     def is_over(self) -> bool:
@@ -460,8 +280,8 @@ class Conversation:
     def _act(self, message: str) -> str:
         """Carry out the attempt or look-up in a message; ActionError if there is none."""
         line = answer_line(message, self.game.labels)
-        # Without knowledge "look up" is an ordinary word: an entity may have this label.
-        look_up = _LOOK_UP.fullmatch(line) if self._knowledge is not None else None
+        # Without look-ups "look up" is an ordinary word: an entity may have this label.
+        look_up = _LOOK_UP.fullmatch(line) if self.offers_look_ups else None
         if look_up is not None:
             return self._look_up(look_up[1])
         if self.game.most_picks:
@@ -479,13 +299,14 @@ class Conversation:
         # By label alone: numbers stand for the entities at hand.
         entities = self.game.graph.entities
         entity = read_label(item, entities, by_number=False)
-        if self._knowledge is None or self.look_ups >= self._most_look_ups:
+        if self.look_ups >= self.offers_look_ups:
             raise ActionError(self.game.text("no_look_ups"))
-        facts = self._knowledge.facts(entity, self.game)
+        facts = self._knowledge(self.game, entity)
         # Only now: a look-up that failed is not counted.
         self.look_ups += 1
         self.facts = (entities[entity], facts)
-        prompt = self._knowledge.prompt if facts else "no_facts"
+        prompt = "known_recipes" if self._knowledge is known_recipes else "likely_links"
+        prompt = prompt if facts else "no_facts"
         return prompt_text(prompt, entity=entities[entity], facts="\n".join(facts))
 
     def _reject(self, reason: str) -> str:

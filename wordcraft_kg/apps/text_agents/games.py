@@ -8,7 +8,7 @@ from wordcraft_kg.base import ActionError, EpisodeError, counted
 from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import PROMPTS, combined, numbered, prompt_text, results_of
-from wordcraft_kg.graphs import RecipeGraph, TaskSet
+from wordcraft_kg.graphs import Split, TaskSet
 
 Picks = tuple[str, ...]
 """Labels of the combined entities: two, or a set where recipes have other sizes."""
@@ -23,6 +23,7 @@ class Game(ABC):
         goal: label of the entity to make; None in the open-ended world.
         tasks: the tasks of which this game has one; None in the open-ended world.
         task: index of the game's task; -1 in the open-ended world.
+        split: the split of the recipes.
         graph: the recipe graph.
         rules: prompt text with the rules.
         pairs: labels of the combined pairs or sets so far; None for a lost attempt.
@@ -40,9 +41,10 @@ class Game(ABC):
     reward = 0.0
     most_picks = 0
 
-    def __init__(self, graph: RecipeGraph, aim: str):
+    def __init__(self, split: Split, aim: str):
         """Begin a game; ``aim`` is the key for the prompt text about the aim, such as ``goal``."""
-        self.graph = graph
+        self.split = split
+        self.graph = split.graph
         self.rules = f"{self.text('rules', most=self.most_picks)} {self.text(aim)}"
         self.pairs: list[Picks | None] = []
         self._is_ended = False
@@ -162,7 +164,7 @@ class TaskGame(Game):
         """
         if env.world.has_combine:
             self.most_picks = env.world.graph.most_ingredients
-        super().__init__(env.world.graph, "goal")
+        super().__init__(env.world.split, "goal")
         self.world = env.world
         self.tasks = env.tasks
         self.task = task
@@ -226,17 +228,15 @@ class DiscoveryGame(Game):
     Attributes:
         number: number of the game, from 0.
         known_after: number of known entities after each attempt so far.
-        repeated: number of attempts with a pair that had been tried before.
     """
 
-    def __init__(self, graph: RecipeGraph, discovery: Discovery, attempts: int, number: int):
+    def __init__(self, split: Split, discovery: Discovery, attempts: int, number: int):
         """Begin a game; no other game may use ``discovery``."""
-        super().__init__(graph, "discover")
+        super().__init__(split, "discover")
         self.number = number
         self._discovery = discovery
         self._attempts = attempts
         self.known_after: list[int] = []
-        self.repeated = 0
 
     @property
     def attempts_left(self) -> int:
@@ -261,7 +261,6 @@ class DiscoveryGame(Game):
     def _combine(self, *places: int) -> str:
         pair = tuple(map(self._entities().__getitem__, places))
         new_ids, is_repeated = self._discovery.combine(*pair)
-        self.repeated += is_repeated
         self._lose()
         new_labels = self.graph.labels(new_ids)
         text = combined(self.graph.labels(pair), new_labels, PROMPTS["nothing_new"])

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from wordcraft_kg.apps.text_agents.benchmark import choose_games
+from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.games import TaskGame
-from wordcraft_kg.apps.text_agents.plays import Play, chosen_tasks
+from wordcraft_kg.apps.text_agents.plays import DiscoveryGames, Play, chosen_tasks, open_play
 from wordcraft_kg.apps.text_agents.results import (
     COUNTS,
     GameRecord,
@@ -26,8 +26,8 @@ from wordcraft_kg.apps.text_agents.results import (
 )
 from wordcraft_kg.apps.text_agents.settings import (
     ATTEMPTS,
+    LOOK_UPS,
     MAX_INVALID,
-    GameSettings,
     KnowledgeKind,
     PlayedSettings,
 )
@@ -41,12 +41,11 @@ from wordcraft_kg.base import (
     as_record,
     as_values,
     reason,
-    refuse,
     whole,
 )
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.base.wording import for_file
-from wordcraft_kg.graphs import TaskPart
+from wordcraft_kg.graphs import TaskPart, open_graph
 
 try:
     from inspect_ai import Task, task
@@ -75,14 +74,14 @@ METADATA = "wordcraft_kg"
 """Key in the metadata of an Inspect task; the value is a :class:`LoggedTask`."""
 UNFINISHED = "unfinished"
 """Key in the record of a game: whether an Inspect limit ended the game."""
-VERDICT = "verdict"
-"""Key in the record of a game: the outcome as text."""
 
 # The records of the games stand in the scores, so results need none of these.
 _NOT_NEEDED = {"messages", "events", "events_data", "timelines", "store", "output", "attachments"}
 """Skipped log fields; messages are the largest part."""
-_RULES = {"distractor_seeds": 1, "tasks": None, "max_invalid": MAX_INVALID}
-"""Defaults of the parameters that are no :class:`GameSettings`."""
+_GAME = ("everyday", "test", 1, 8, None)
+"""Defaults of graph, part, depth, distractors and attempts."""
+_RULES = (None, LOOK_UPS, 1, None, MAX_INVALID)
+"""Defaults of scorer, look-ups, distractor seeds, tasks and invalid actions."""
 _SCORE = "wordcraft_kg_score"
 """Key in a sample's store, by which the solver hands the game's score to the scorer."""
 
@@ -101,15 +100,15 @@ class InspectTaskError(ConfigError, PrerequisiteError):
 @task
 def crafting(  # noqa: PLR0913 - parameters are the options of `inspect eval -T`
     graph: str = "everyday",
-    part: TaskPart = GameSettings.part,
-    depth: int = GameSettings.depth,
-    distractors: int = GameSettings.distractors,
-    attempts: int | None = GameSettings.attempts,
+    part: TaskPart = "test",
+    depth: int = 1,
+    distractors: int = 8,
+    attempts: int | None = None,
     distractor_seeds: int = 1,
     tasks: int | None = None,
-    knowledge: KnowledgeKind = GameSettings.knowledge,
+    knowledge: KnowledgeKind = "none",
     scorer: str | None = None,
-    look_ups: int = GameSettings.look_ups,
+    look_ups: int = LOOK_UPS,
     max_invalid: int = MAX_INVALID,
     track: str | None = None,
 ) -> Task:
@@ -133,20 +132,25 @@ def crafting(  # noqa: PLR0913 - parameters are the options of `inspect eval -T`
         InspectTaskError: for a wrong parameter, or an unreadable graph or scorer.
     """
     with _readable():
-        settings = GameSettings(
-            part=part,
-            depth=depth,
-            distractors=distractors,
-            attempts=attempts,
-            knowledge=knowledge,
-            scorer=_folder(scorer),
-            look_ups=look_ups,
-        )
-        rules = {"distractor_seeds": distractor_seeds, "tasks": tasks, "max_invalid": max_invalid}
-        changed = {name: value for name, value in rules.items() if value != _RULES[name]}
-        if track is not None and changed:
+        whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE)
+        whole("max_invalid", max_invalid, 0, MAX_SIZE)
+        # Inspect may have parsed a book's name as a number.
+        game = (str(graph), part, depth, distractors, attempts)
+        rules = (_folder(scorer), look_ups, distractor_seeds, tasks, max_invalid)
+        if track is None:
+            play: Play = open_play(
+                *game,
+                knowledge=knowledge,
+                scorer=_folder(scorer),
+                look_ups=look_ups,
+                distractor_seeds=distractor_seeds,
+                tasks=tasks,
+                max_invalid=max_invalid,
+            )
+        elif (*game, *rules) == (*_GAME, *_RULES):
+            play = open_track(str(track)).play(knowledge)
+        else:
             raise ConfigError("`track` has its own games; omit all but `knowledge`.")
-        play = _open(graph, settings, track, **changed)
         played = play.settings
         if played.is_open_ended:  # a track
             return _discovery(play)
@@ -163,7 +167,7 @@ def crafting(  # noqa: PLR0913 - parameters are the options of `inspect eval -T`
                 "group": groups[number],
             }
             samples.append(_sample(f"{played.part}-{number}-{seed}", play, **about))
-        return _task(play, samples, f"{played.graph}, {played.part}", goal_made())
+        return _task(play, samples, f"{played.graph}, {played.part}")
 
 
 @task
@@ -172,9 +176,9 @@ def discovery(
     attempts: int = ATTEMPTS,
     base: Any = None,
     games: int = 1,
-    knowledge: KnowledgeKind = GameSettings.knowledge,
+    knowledge: KnowledgeKind = "none",
     scorer: str | None = None,
-    look_ups: int = GameSettings.look_ups,
+    look_ups: int = LOOK_UPS,
     max_invalid: int = MAX_INVALID,
 ) -> Task:
     """Return an Inspect task: discover entities in the open-ended world.
@@ -196,15 +200,22 @@ def discovery(
         whole("games", games, 1, MAX_SIZE)
         # Inspect parses labels such as `1` and `true` as a number and a truth value.
         labels = base if isinstance(base, list | tuple) else [base]
-        settings = GameSettings(
-            open_ended=True,
+        play = DiscoveryGames(
+            open_graph(str(graph)),
             attempts=attempts,
             base=None if base is None else [str(label) for label in labels],
             knowledge=knowledge,
             scorer=_folder(scorer),
             look_ups=look_ups,
+            distractor_seeds=games,
+            max_invalid=whole("max_invalid", max_invalid, 0, MAX_SIZE),
         )
-        return _discovery(_open(graph, settings, distractor_seeds=games, max_invalid=max_invalid))
+        return _discovery(play)
+
+
+def _folder(scorer: object) -> Path | None:
+    # Inspect may have parsed the name of a folder as a number.
+    return None if scorer is None else Path(str(scorer))
 
 
 def _discovery(play: Play) -> Task:
@@ -214,41 +225,23 @@ def _discovery(play: Play) -> Task:
         _sample(f"world-{game}", play, distractor_seed=game, **about)
         for game in range(rules.distractor_seeds)
     ]
-    return _task(play, samples, rules.graph, known_items())
-
-
-def _folder(scorer: object) -> Path | None:
-    # Inspect may have parsed the name of a folder as a number.
-    return None if scorer is None else Path(str(scorer))
-
-
-def _open(graph: Any, settings: GameSettings, track: object = None, **rules: Any) -> Play:
-    # The same of a book's name.
-    if not isinstance(graph, str) or not graph:
-        raise refuse("graph", graph, "a graph folder, a recipe book file, or a known book")
-    for name, fewest in (("distractor_seeds", 1), ("max_invalid", 0)):
-        whole(name, rules.get(name, fewest), fewest, MAX_SIZE)
-    return choose_games(graph, settings, None if track is None else str(track), **rules)
+    return _task(play, samples, rules.graph)
 
 
 def _sample(identity: str, play: Play, **about: Any) -> Sample:
     talk = play.begin(about.get("task", 0), about["distractor_seed"])
-    hashes = {
-        name: getattr(play.settings, name) for name in ("graph_hash", "split_hash", "prompt_hash")
-    }
     opening: list[ChatMessage] = [
         ChatMessageSystem(content=talk.rules),
         ChatMessageUser(content=talk.game.state),
     ]
-    # The hashes tell, in a log, for which graph, split and prompts a sample was made.
-    return Sample(id=identity, input=opening, target=about.get("goal", ""), metadata=about | hashes)
+    return Sample(id=identity, input=opening, target=about.get("goal", ""), metadata=about)
 
 
-def _task(play: Play, samples: list[Sample], name: str, scorer: Scorer) -> Task:
+def _task(play: Play, samples: list[Sample], name: str) -> Task:
     return Task(
         dataset=MemoryDataset(samples, name=name),
         solver=conversation(play),
-        scorer=scorer,
+        scorer=game_score(),
         version=play.settings.prompt_hash[:12],
         metadata={METADATA: as_values(LoggedTask(settings=play.settings, games=len(samples)))},
     )
@@ -296,7 +289,7 @@ def conversation(play: Play) -> Solver:
                 "value": int(game.is_made) if isinstance(game, TaskGame) else len(game.labels),
                 "answer": " + ".join(last) if last else None,
                 "explanation": game.state,
-                "metadata": {**played, UNFINISHED: not is_finished, VERDICT: game.state},
+                "metadata": {**played, UNFINISHED: not is_finished},
             }
             state.store.set(_SCORE, score)
         return state
@@ -305,95 +298,80 @@ def conversation(play: Play) -> Solver:
 
 
 @metric(scores="unreduced")
-def crafting_figures() -> Metric:
-    """Return an Inspect metric for crafting tasks.
-
-    Its values are success with the standard error and interval over groups of tasks that the split
-    holds out together, the share of goals made by a plan, actions per game, and counts in the run.
-    """
+def game_figures() -> Metric:
+    """Return an Inspect metric for games of either kind, with counts in the run."""
 
     def figures(scores: list[SampleScore]) -> Value:
         if not scores:
             return {}
-        played = [_game(score) for score in scores]
-        tasks = {game.task for game in played}
-        distractor_seeds = {game.distractor_seed for game in played}
-        groups = np.zeros(max(tasks) + 1, dtype=np.int64)
-        for score, game in zip(scores, played, strict=True):
-            groups[game.task] = (score.sample_metadata or {})["group"]
-        # The interval needs all distractor seeds. Failed samples may be missing.
-        success = None
-        if len(played) == len(tasks) * len(distractor_seeds):
-            success = evaluation_of(played, groups).metrics()
-
-        def mean(name: str) -> float:
-            return sum(getattr(game, name) for game in played) / len(played)
-
-        return {
-            "success": mean("success"),
-            # Games of a group are not independent: alike goals, and one task on several tables.
-            "stderr": float(stderr(cluster="group")(scores)),  # type: ignore[arg-type]
-            "ci_low": success.ci_low if success else None,
-            "ci_high": success.ci_high if success else None,
-            "by_plan": mean("by_plan"),
-            "actions_per_game": mean("actions"),
-            **_counts(scores),
-        }
+        values = [score.score.metadata or {} for score in scores]
+        counts: dict[str, int] = {}
+        for name in (*COUNTS, UNFINISHED):
+            counts[f"{name}_in_run"] = sum(game.get(name, 0) for game in values)
+        is_open_ended = "known_at_start" in (scores[0].sample_metadata or {})
+        figures_of = discovery_figures if is_open_ended else crafting_figures
+        return {**figures_of(scores), **counts}
 
     return figures
 
 
-@metric(scores="unreduced")
-def discovery_figures() -> Metric:
-    """Return an Inspect metric for open-ended games.
+def crafting_figures(scores: list[SampleScore]) -> dict[str, float | None]:
+    """Return the figures of crafting tasks.
 
-    Its values are the mean numbers of known entities by attempts, the standard error at the end,
-    and counts in the run.
+    These are success with the standard error and interval over groups of tasks that the split holds
+    out together, the share of goals made by a plan, and actions per game.
     """
+    played = [_game(score) for score in scores]
+    tasks = {game.task for game in played}
+    distractor_seeds = {game.distractor_seed for game in played}
+    groups = np.zeros(max(tasks) + 1, dtype=np.int64)
+    for score, game in zip(scores, played, strict=True):
+        groups[game.task] = (score.sample_metadata or {})["group"]
+    # The interval needs all distractor seeds. Failed samples may be missing.
+    success = None
+    if len(played) == len(tasks) * len(distractor_seeds):
+        success = evaluation_of(played, groups).metrics()
 
-    def figures(scores: list[SampleScore]) -> Value:
-        if not scores:
-            return {}
-        about = scores[0].sample_metadata or {}
-        curves = [(about["known_at_start"], *_game(score).known_after) for score in scores]
-        means = mean_known(curves, about["attempts"])
-        return {
-            **{f"known_{attempts}": value for attempts, value in means.items()},
-            "stderr": float(stderr()(scores)),  # type: ignore[arg-type]
-            **_counts(scores),
-        }
+    def mean(name: str) -> float:
+        return sum(getattr(game, name) for game in played) / len(played)
 
-    return figures
+    return {
+        "success": mean("success"),
+        # Games of a group are not independent: alike goals, and one task on several tables.
+        "stderr": float(stderr(cluster="group")(scores)),  # type: ignore[arg-type]
+        "ci_low": success.ci_low if success else None,
+        "ci_high": success.ci_high if success else None,
+        "by_plan": mean("by_plan"),
+        "actions_per_game": mean("actions"),
+    }
+
+
+def discovery_figures(scores: list[SampleScore]) -> dict[str, float | None]:
+    """Return the figures of open-ended games.
+
+    These are mean numbers of known entities by attempts, and the standard error at the end.
+    """
+    about = scores[0].sample_metadata or {}
+    curves = [(about["known_at_start"], *_game(score).known_after) for score in scores]
+    means = mean_known(curves, about["attempts"])
+    return {
+        **{f"known_{attempts}": value for attempts, value in means.items()},
+        "stderr": float(stderr()(scores)),  # type: ignore[arg-type]
+    }
 
 
 def _game(score: SampleScore) -> GameRecord:
     return game_of_score(score.score.metadata, f"the score of {score.sample_id}")
 
 
-def _counts(scores: list[SampleScore]) -> dict[str, int]:
-    values = [score.score.metadata or {} for score in scores]
-    counts: dict[str, int] = {}
-    for name in (*COUNTS, UNFINISHED):
-        counts[f"{name}_in_run"] = sum(game.get(name, 0) for game in values)
-    return counts
+@scorer(metrics=[game_figures()])
+def game_score() -> Scorer:
+    """Return an Inspect scorer: 1 if the goal was made, else 0; or the number of known entities.
 
-
-@scorer(metrics=[crafting_figures()])
-def goal_made() -> Scorer:
-    """Return an Inspect scorer: 1 if the goal was made, else 0.
-
-    The score's metadata is the game's record.
+    That is their number at the end of an open-ended game. The score's metadata is the game's
+    record.
     """
-    return _score_of_solver()
 
-
-@scorer(metrics=[discovery_figures()])
-def known_items() -> Scorer:
-    """Return an Inspect scorer: the number of known entities at the end of an open-ended game."""
-    return _score_of_solver()
-
-
-def _score_of_solver() -> Scorer:
     async def score(state: TaskState, target: Target) -> Score:
         values = state.store.get(_SCORE)
         if values is None:
@@ -439,8 +417,6 @@ def read_inspect_log(
             games.
     """
     path = Path(path)
-    if not path.is_file():
-        raise ArtefactError(f"{path} is not a file; expected an Inspect AI log, .eval or .json.")
     try:
         log = read_eval_log(str(path), exclude_fields=_NOT_NEEDED)
     except Exception as error:  # a damaged file may raise any error
@@ -467,17 +443,15 @@ def read_inspect_log(
 def _scores(path: Path, log: EvalLog, games: int) -> list[dict[str, Any]]:
     scores = []
     for sample in log.samples or []:
-        by_scorer = sample.scores or {}
-        for name in ("goal_made", "known_items"):
-            # A failed game has an error, and a sample of another task other scores.
-            if sample.error is None and name in by_scorer:
-                scores.append(by_scorer[name].metadata or {})
+        score = (sample.scores or {}).get("game_score")
+        # A failed game has an error, and a sample of another task other scores.
+        if sample.error is None and score is not None:
+            scores.append(score.metadata or {})
     progress = f"{len(scores):,} of {games:,} games were played"
     if log.status != "success":
-        state = {"started": "unfinished", "cancelled": "stopped"}.get(log.status, "failed")
         raise ArtefactError(
-            f"{path}: the evaluation is {state}, {progress}. Continue with inspect eval-retry "
-            f"{path}"
+            f"{path}: the evaluation has the status {log.status}, {progress}. Continue with "
+            f"inspect eval-retry {path}"
         )
     if len(scores) != games:
         # Fewer games are a selection; more are repetitions, whose tables are no independent draws.
@@ -502,6 +476,5 @@ def game_of_score(values: Mapping[str, Any] | None, place: str) -> GameRecord:
         ArtefactError: if the metadata is no such record.
     """
     # The messages are in the log's samples, once.
-    extra = (UNFINISHED, VERDICT)
-    record = {key: value for key, value in (values or {}).items() if key not in extra}
+    record = {key: value for key, value in (values or {}).items() if key != UNFINISHED}
     return as_record(record, GameRecord, place)

@@ -57,6 +57,8 @@ _TOOLS = {
     "per game.",
     "end": "End a game early.",
 }
+_KNOWN = "the known recipes of"
+_LIKELY = "the likely links of"
 _COMBINE_SET = (
     "Make an attempt: combine items, each as often as it is needed. Refer to each item by name or "
     "number. Invalid input is rejected and does not use up an attempt."
@@ -105,8 +107,8 @@ class HostedGames:
 
         Raises:
             ConfigError: if there is no such task or seed.
-            EpisodeError: if the game was begun before on a track, or if the forgotten game cannot
-                be recorded.
+            EpisodeError: if the game was begun before on a track.
+            OSError: if the forgotten game cannot be recorded.
         """
         settings = self.play.settings
         if settings.is_open_ended:
@@ -128,12 +130,7 @@ class HostedGames:
         if len(self._hosted) >= self._most:
             # `min` takes the first of equals, the least recent one: `game` moves ids to the end.
             oldest = min(self._hosted, key=lambda name: not self._hosted[name].is_over)
-            try:
-                self._hosted[oldest].end()
-            except OSError as error:
-                raise EpisodeError(
-                    f"The server has no room for a game ({error.strerror}). Try again later."
-                ) from None
+            self._hosted[oldest].end()
             del self._hosted[oldest]
         self._hosted[talk.name] = talk
         return talk
@@ -263,8 +260,9 @@ def _in_words(error: ValidationError | OSError | WordCraftKGError) -> str:
         return prompt_text("invalid", reason="; ".join(problems) + ".")
     if isinstance(error, OSError):
         return (
-            f"The game is over, but its record could not be saved: {error.strerror or error}. Call "
-            "`state` to see the outcome, or `end` to try saving again."
+            "A game is over, but its record could not be saved: "
+            f"{error.strerror or error}. Call `state` to see the outcome, or `end` to try saving "
+            "again."
         )
     return str(error)
 
@@ -277,9 +275,9 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
     play = hosted.play
     settings = play.settings
     last = None if settings.is_open_ended else len(play.world.tasks) - 1
-    has_scorer = settings.knowledge == "scorer"
+    known = _LIKELY if settings.knowledge == "scorer" else _KNOWN
     rules = play.game().rules
-    return _server(rules, last, settings.look_ups, has_scorer, hosted, sets=play.has_sets)
+    return _server(rules, last, settings.look_ups, hosted, sets=play.has_sets, known=known)
 
 
 @lru_cache(2)
@@ -291,8 +289,8 @@ def tools_hash(*, sets: bool = False) -> str:
     # Two servers have all tools and all wordings between them: tasks with the train recipes, and
     # the open-ended world with a scorer.
     lists = []
-    for last, has_scorer in ((0, False), (None, True)):
-        server = _server("", last, 2, has_scorer, sets=sets)
+    for last, known in ((0, _KNOWN), (None, _LIKELY)):
+        server = _server("", last, 2, sets=sets, known=known)
         tools = anyio.run(server.list_tools)
         lists.append([tool.model_dump(mode="json") for tool in tools])
     prompts = [prompt_hash(sets=sets), _TOOLS, _INSTRUCTIONS, lists]
@@ -303,10 +301,10 @@ def _server(
     rules: str,
     last: int | None,
     look_ups: int,
-    has_scorer: bool,
     hosted: Any = None,
     *,
     sets: bool = False,
+    known: str = _KNOWN,
 ) -> MCPServer[Any]:
     """Return a server.
 
@@ -314,12 +312,11 @@ def _server(
         rules: the rules of the games, for the instructions.
         last: index of the last task; None in the open-ended world.
         look_ups: look-ups in a game; without any, there is no such tool.
-        has_scorer: whether facts are a scorer's links instead of recipes.
         hosted: the :class:`HostedGames`; None for a server that only lists its tools.
         sets: whether recipes have other sizes than two.
+        known: what the tool ``look_up`` tells of an item, in words.
     """
-    subject = "the likely links of" if has_scorer else "the known recipes of"
-    about_look_ups = _TOOLS["look_up"].format(known=subject, look_ups=counted(look_ups, "look-up"))
+    about_look_ups = _TOOLS["look_up"].format(known=known, look_ups=counted(look_ups, "look-up"))
     instructions = [rules, _INSTRUCTIONS]
     if look_ups:
         instructions.insert(1, about_look_ups)

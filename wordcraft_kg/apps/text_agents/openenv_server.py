@@ -25,7 +25,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from wordcraft_kg import __version__
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Seat
-from wordcraft_kg.apps.text_agents.plays import GameList, NamedGame
+from wordcraft_kg.apps.text_agents.plays import GameList, Play
 from wordcraft_kg.apps.text_agents.results import Keep
 from wordcraft_kg.apps.web.guard import LOOPBACK, Guard
 from wordcraft_kg.base import (
@@ -122,9 +122,10 @@ class CraftingSession(Seat):
         unknown = sorted(arguments.keys() - {*_RESET})
         if unknown:
             raise ConfigError(f"reset has no argument '{unknown[0][:60]}': {', '.join(_RESET)}.")
-        game = self._chosen({key: value for key, value in arguments.items() if value is not None})
+        chosen = self._chosen({key: value for key, value in arguments.items() if value is not None})
+        play, task, distractor_seed = chosen
         # Begun before the last game ends: a refused reset changes nothing.
-        talk = game.begin()
+        talk = play.begin(task, distractor_seed)
         self.close()
         talk.on_end = self._keep
         self.talk = talk
@@ -180,18 +181,19 @@ class CraftingSession(Seat):
         # Of a game that is over, this tries again what a full disk has refused.
         talk.end()
 
-    def _chosen(self, arguments: dict[str, Any]) -> NamedGame:
+    def _chosen(self, arguments: dict[str, Any]) -> tuple[Play, int, int]:
+        """Return the games, the task in them and the distractor seed that a client asks for."""
         if "task_id" in arguments:
             return self.games.named(arguments["task_id"])
         part = arguments.get("split", next(iter(self.games.plays)))
         if "seed" in arguments:
             whole("seed", arguments["seed"], 0, MAX_SIZE)
         if "index" in arguments:
-            return self.games.at(part, arguments["index"], arguments.get("seed", 0))
+            return *self.games.at(part, arguments["index"]), arguments.get("seed", 0)
         # A generator of its own for each call: a seed always draws the same game.
         rng = np.random.default_rng(arguments.get("seed"))
         index = int(rng.integers(self.games.count(part)))
-        return self.games.at(part, index, int(rng.integers(MAX_SIZE)))
+        return *self.games.at(part, index), int(rng.integers(MAX_SIZE))
 
 
 def _observation(talk: Conversation, text: str, *, reward: float | None) -> dict[str, Any]:
@@ -235,8 +237,9 @@ class _Sessions:
         """Carry the messages of a session until its client leaves, closes it, or is silent."""
         await socket.accept()
         if self.active >= self.most:
-            error = f"{self.most:,} sessions are open, the most here; try again later."
-            await socket.send_text(_error("CAPACITY_REACHED", error))
+            await socket.send_text(
+                _error("CAPACITY_REACHED", f"{self.most:,} sessions are open, the most here.")
+            )
             await socket.close()
             return
         self.active += 1
@@ -247,11 +250,10 @@ class _Sessions:
             # The client has left while it was answered.
             pass
         except TimeoutError:
-            error = f"the client was silent for {self.idle:g} seconds; connect again."
+            reason = f"silent for {self.idle:g} seconds; connect again"
             # It may be gone, or read nothing: then nobody hears this.
             with suppress(RuntimeError, TimeoutError, WebSocketDisconnect):
-                await asyncio.wait_for(socket.send_text(_error("SESSION_ERROR", error)), _LAST)
-                await socket.close()
+                await asyncio.wait_for(socket.close(reason=reason), _LAST)
         finally:
             self.active -= 1
             try:
@@ -382,10 +384,10 @@ def _openapi(routes: list[Route]) -> dict[str, Any]:
 
 
 def _task(games: GameList, part: str, index: Any) -> dict[str, Any]:
-    game = games.at(part, index)
-    settings = game.play.settings
+    play, task = games.at(part, index)
+    settings = play.settings
     tables = {"depth": settings.depth, "distractors": settings.distractors}
-    return {"id": game.name, "index": index, "split": part, **tables}
+    return {"id": play.name(task), "index": index, "split": part, **tables}
 
 
 def _range(games: GameList, query: dict[str, Any]) -> list[dict[str, Any]]:

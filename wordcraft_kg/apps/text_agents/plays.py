@@ -16,21 +16,20 @@ import gzip
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import cache
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.apps.text_agents.conversation import Conversation, Knowledge, open_knowledge
+from wordcraft_kg.apps.text_agents.conversation import Conversation, Facts, known_recipes
 from wordcraft_kg.apps.text_agents.games import DiscoveryGame, Game, TaskGame
 from wordcraft_kg.apps.text_agents.settings import (
     ATTEMPTS,
     LOOK_UPS,
-    GameSettings,
+    KnowledgeKind,
     LookUps,
     PlayedSettings,
 )
@@ -47,8 +46,8 @@ from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.envs.world_config import WordCraftConfig
-from wordcraft_kg.graphs import Entity, Ids, OpenedGraph, TaskPart, open_graph
+from wordcraft_kg.envs.world_config import MAX_ATTEMPTS, WordCraftConfig
+from wordcraft_kg.graphs import MAX_DEPTH, Entity, Ids, OpenedGraph, TaskPart, open_graph
 
 DIFFICULTY_FILE = Path(__file__).parent / "difficulty.csv.gz"
 DIFFICULTY_COLUMNS = ("split", "goal", "start", "words", "learner", "planner")
@@ -73,13 +72,11 @@ def chosen_tasks(
     Raises:
         ConfigError: for a number below 1, or a range of difficulty in which no task was measured.
     """
-    if limit is not None:
-        whole("tasks", limit, 1, MAX_SIZE)
     tasks = np.arange(len(world.tasks))
     if difficulty is not None:
         tasks = tasks_within(world, difficulty)
     number = len(tasks)
-    limit = number if limit is None else min(limit, number)
+    limit = number if limit is None else min(whole("tasks", limit, 1, MAX_SIZE), number)
     return tasks[np.arange(limit) * number // limit]
 
 
@@ -164,83 +161,66 @@ class Play(ABC):
 
     Attributes:
         settings: settings as recorded with each game.
-        knowledge: source of look-ups; None offers none.
         has_sets: whether recipes may have other sizes than two.
     """
 
-    has_sets = False
     _world: World | None = None
 
     def __init__(
-        self, opened: OpenedGraph, knowledge: Knowledge | None, look_ups: int, **fields: Any
+        self,
+        opened: OpenedGraph,
+        *,
+        knowledge: KnowledgeKind = "none",
+        scorer: Path | None = None,
+        look_ups: int = LOOK_UPS,
+        **fields: Any,
     ):
         """Describe the games.
 
         Args:
             opened: graph and split.
-            knowledge: source of look-ups; None offers none.
+            knowledge: look-up source.
+            scorer: model folder, for ``knowledge`` scorer.
             look_ups: look-ups in a game.
             fields: further fields of
                 :class:`~wordcraft_kg.apps.text_agents.settings.PlayedSettings`.
 
         Raises:
-            LeakError: if look-ups would leak train recipes on train tasks.
+            ConfigError: for another look-up source, or a number out of range.
+            ArtefactError: if the scorer's folder is unfinished or damaged.
+            GraphMismatchError: if the scorer is of another graph or split.
+            LeakError: if a scorer would reveal its train recipes on train tasks.
         """
-        self.knowledge = knowledge
-        # Without a source the number means nothing; equal games have equal settings.
-        offer: dict[str, Any] = {"look_ups": 0}
-        if knowledge is not None:
-            offer = {
-                "knowledge": knowledge.kind,
-                "look_ups": look_ups,
-                "scorer": knowledge.scorer,
-                "kg": knowledge.kg,
-            }
+        self._opened = opened
+        self._knowledge: Facts = known_recipes
+        self.has_sets = not opened.graph.has_pairs_only
+        whole("look_ups", look_ups, 0, MAX_SIZE)
+        choices = get_args(LookUps) if scorer is None else ("scorer",)
+        if knowledge not in choices:
+            raise ConfigError(
+                f"`knowledge` {knowledge!r:.60} with `scorer` {scorer}: expected scorer with a "
+                "model folder, or none or partial without."
+            )
+        if scorer is not None:
+            # Here, because it loads torch.
+            from wordcraft_kg.apps.text_agents.likely_links import LikelyLinks, open_scorer
+
+            model = open_scorer(scorer, opened)
+            tasks = self._world.tasks if self._world else None
+            # A leak found here costs no game.
+            self._knowledge = LikelyLinks(model.scorer, opened.graph, tasks)
+            fields |= {"scorer": model.run.outputs["model.safetensors"], "kg": model.kg}
         self.settings = PlayedSettings(
             graph=opened.graph.name,
             graph_hash=opened.graph.hash,
             split_hash=opened.split.hash,
             prompt_hash=prompt_hash(sets=self.has_sets),
             answer_grammar=ANSWER_GRAMMAR,
-            **(offer | fields),
+            knowledge=knowledge,
+            # Without a source the number means nothing; equal games have equal settings.
+            look_ups=0 if knowledge == "none" else look_ups,
+            **fields,
         )
-        if knowledge is not None:
-            # A leak shows with the first look-up: found here, it costs no game.
-            knowledge.facts(0, self.game())
-
-    @classmethod
-    def open(
-        cls, graph: str, settings: GameSettings, *, reward: str = "sparse", **rules: Any
-    ) -> "Play":
-        """Prepare the games on a graph.
-
-        Args:
-            graph: graph folder, recipe book file, or name of a built-in book.
-            settings: the games.
-            reward: reward preset of tasks, see :data:`~wordcraft_kg.envs.world_config.REWARDS`.
-            rules: further fields of the played settings.
-
-        Raises:
-            ConfigError: for settings that do not fit the graph, or an unknown reward.
-            GraphMismatchError: if the scorer is of another graph or split.
-            LeakError: if a scorer would reveal its train recipes on train tasks.
-            TaskError: if the graph has no task for these settings.
-            RecipeFileError: if there is no such graph, or a book cannot be read.
-            ArtefactError: if the scorer's folder or a graph folder is unfinished or damaged.
-        """
-        opened = open_graph(graph)
-        rules |= {"knowledge": open_knowledge(settings, opened), "look_ups": settings.look_ups}
-        if settings.open_ended:
-            attempts = settings.attempts or ATTEMPTS
-            return DiscoveryGames(opened, attempts=attempts, base=settings.base, **rules)
-        config = WordCraftConfig(
-            part=settings.part,
-            depth=settings.depth,
-            num_distractors=settings.distractors,
-            max_attempts=settings.attempts,
-            reward=reward,
-        )
-        return TaskGames(World(opened, config), **rules)
 
     @property
     def world(self) -> World:
@@ -263,14 +243,24 @@ class Play(ABC):
         """
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> Conversation:
-        """Begin a game as a conversation, see :meth:`game`."""
+        """Begin a game as a conversation under its name, see :meth:`game`."""
         rules = self.settings
-        return Conversation(
-            self.game(task, distractor_seed),
-            self.knowledge,
+        game = self.game(task, distractor_seed)
+        talk = Conversation(
+            game,
             max_invalid=rules.max_invalid,
             look_ups=rules.look_ups,
+            knowledge=self._knowledge,
         )
+        talk.name = self.name(task, distractor_seed)
+        return talk
+
+    def name(self, task: int, distractor_seed: int = 0) -> str:
+        """Return a game's name, such as ``everyday-train-2-8-17-0``."""
+        rules = self.settings
+        # A track numbers its tasks anew: its third task is another than the third of the part.
+        games = rules.track or f"{rules.graph}-{rules.part}-{rules.depth}-{rules.distractors}"
+        return f"{games}-{task}-{distractor_seed}"
 
 
 class TaskGames(Play):
@@ -283,36 +273,20 @@ class TaskGames(Play):
         (4, True)
     """
 
-    def __init__(
-        self,
-        world: World,
-        knowledge: Knowledge | None = None,
-        *,
-        table: TableOf | None = None,
-        look_ups: int = LOOK_UPS,
-        **rules: Any,
-    ):
+    def __init__(self, world: World, *, table: TableOf | None = None, **rules: Any):
         """Take a world.
 
         Args:
             world: graph, tasks and settings.
-            knowledge: source of look-ups; None offers none.
             table: the starting tables; None for those of agent evaluation.
-            look_ups: look-ups in a game.
-            rules: further fields of the played settings.
-
-        Raises:
-            LeakError: if look-ups would leak train recipes on train tasks.
+            rules: look-ups as in :class:`Play`, and further fields of the played settings.
         """
         self._world = world
-        self.has_sets = world.has_combine
         self._env = WordCraftEnv(world)
         self._table = table or EvaluationTables(world).table
         config = world.config
         super().__init__(
             world.opened,
-            knowledge,
-            look_ups,
             part=config.part,
             depth=config.depth,
             distractors=config.num_distractors,
@@ -336,41 +310,34 @@ class DiscoveryGames(Play):
     def __init__(
         self,
         opened: OpenedGraph,
-        knowledge: Knowledge | None = None,
         *,
-        attempts: int,
+        attempts: int | None = None,
         base: Iterable[Entity] | None = None,
         orders: Sequence[tuple[int, ...]] = (),
-        look_ups: int = LOOK_UPS,
         **rules: Any,
     ):
         """Take a graph.
 
         Args:
             opened: the graph and its split.
-            knowledge: source of look-ups; None offers none.
-            attempts: attempts in a game.
+            attempts: attempts in a game; None for :data:`ATTEMPTS`.
             base: entities (ids or labels) that are known at the start; None for the graph's base.
             orders: for each game of a track the base (ids) in the order in which players see it;
                 empty outside of tracks.
-            look_ups: look-ups in a game.
-            rules: further fields of the played settings.
+            rules: look-ups as in :class:`Play`, and further fields of the played settings.
 
         Raises:
-            ConfigError: for a base from which nothing can be made.
+            ConfigError: for a base from which nothing can be made, or a number out of range.
             GraphError: if a recipe has another number of ingredients than two.
         """
-        self._graph = opened.graph
         self.discovery = Discovery(opened.graph, base)
         self._orders = orders
         super().__init__(
             opened,
-            knowledge,
-            look_ups,
             part=None,
             depth=None,
             distractors=None,
-            attempts=attempts,
+            attempts=ATTEMPTS if attempts is None else whole("attempts", attempts, 1, MAX_SIZE),
             base=opened.graph.labels(self.discovery.base),
             **rules,
         )
@@ -382,27 +349,25 @@ class DiscoveryGames(Play):
             number = whole("game", distractor_seed, 0, len(self._orders) - 1)
             discovery.base = self._orders[number]
         discovery.restart()
-        return DiscoveryGame(self._graph, discovery, self.settings.attempts, distractor_seed)
+        return DiscoveryGame(self._opened.split, discovery, self.settings.attempts, distractor_seed)
 
 
-_PLAYS_IN_MEMORY = 32
-"""Opened graphs with settings: more than a mixture of depths and numbers of distractors needs."""
 # At most nine digits: a text of digits could be a number of any size.
 _SEED = re.compile("[0-9]{1,9}")
 
 
-@lru_cache(maxsize=_PLAYS_IN_MEMORY)
 def open_play(
     graph: str,
     part: TaskPart,
     depth: int,
     distractors: int,
-    attempts: int | None,
+    attempts: int | None = None,
     reward: str = "sparse",
-    knowledge: LookUps = "none",
+    knowledge: KnowledgeKind = "none",
     look_ups: int = LOOK_UPS,
-) -> Play:
-    """Open the games with these settings, once: thousands of rollouts share them.
+    **rules: Any,
+) -> TaskGames:
+    """Open the games with these settings.
 
     Args:
         graph: graph folder, recipe book file, or name of a built-in book.
@@ -413,26 +378,26 @@ def open_play(
         reward: a name in :data:`~wordcraft_kg.envs.world_config.REWARDS`.
         knowledge: what can be looked up.
         look_ups: look-ups in a game.
+        rules: the scorer, and further fields of the played settings.
 
     Returns:
         The games.
 
     Raises:
         ConfigError: for a value out of range.
-        LeakError: if look-ups would leak train recipes on train tasks.
         TaskError: if the graph has no task for these settings.
         RecipeFileError: if there is no such graph, or a book cannot be read.
-        ArtefactError: if a graph folder is damaged.
+        ArtefactError: if a graph folder or the scorer's folder is damaged.
+        GraphMismatchError, LeakError: for a scorer that does not fit, as :class:`Play`.
     """
-    settings = GameSettings(
-        part=part,
-        depth=depth,
-        distractors=distractors,
-        attempts=attempts,
-        knowledge=knowledge,
-        look_ups=look_ups,
-    )
-    return Play.open(graph, settings, reward=reward)
+    whole("depth", depth, 1, MAX_DEPTH)
+    whole("distractors", distractors, 0, MAX_SIZE)
+    if attempts is not None:
+        # With fewer attempts than its depth, a task cannot be solved.
+        whole("attempts", attempts, depth, MAX_ATTEMPTS)
+    config = WordCraftConfig(part, depth, distractors, attempts, reward)
+    world = World(open_graph(graph), config)
+    return TaskGames(world, knowledge=knowledge, look_ups=look_ups, **rules)
 
 
 def tool_opening(talk: Conversation) -> str:
@@ -444,42 +409,6 @@ def tool_opening(talk: Conversation) -> str:
     return "\n".join([*lines, "", talk.game.state])
 
 
-@dataclass(frozen=True)
-class NamedGame:
-    """A game that a name or an index chose.
-
-    Attributes:
-        play: the games of its part, depth and number of distractors.
-        task: index of the task in ``play``.
-        distractor_seed: seed of the distractors on the table.
-    """
-
-    play: Play
-    task: int
-    distractor_seed: int = 0
-
-    @property
-    def of_task(self) -> str:
-        """The game's name without the distractor seed, which all games of its task share."""
-        settings = self.play.settings
-        # A track numbers its tasks anew: its third task is another than the third of the part.
-        games = settings.track or (
-            f"{settings.graph}-{settings.part}-{settings.depth}-{settings.distractors}"
-        )
-        return f"{games}-{self.task}"
-
-    @property
-    def name(self) -> str:
-        """The game's name, such as ``everyday-train-2-8-17-0``."""
-        return f"{self.of_task}-{self.distractor_seed}"
-
-    def begin(self) -> Conversation:
-        """Begin the game, under its name; raises ConfigError for a seed out of range."""
-        talk = self.play.begin(self.task, self.distractor_seed)
-        talk.name = self.name
-        return talk
-
-
 class GameList:
     """The games that a server offers: for each part its tasks in order, counted from 0.
 
@@ -489,9 +418,10 @@ class GameList:
         is_track: whether the games are of a benchmark's track.
 
     Example:
-        >>> games = GameList({"train": [open_play("kitchen", "train", 1, 2, None)]})
-        >>> games.at("train", 5).name, games.named("kitchen-train-1-2-5-7").distractor_seed
-        ('kitchen-train-1-2-5-0', 7)
+        >>> games = GameList({"train": [open_play("kitchen", "train", 1, 2)]})
+        >>> play, task = games.at("train", 5)
+        >>> play.name(task), games.named("kitchen-train-1-2-5-7")[1:]
+        ('kitchen-train-1-2-5-0', (5, 7))
     """
 
     def __init__(
@@ -500,64 +430,53 @@ class GameList:
         """Take the games, or those of them whose tasks have a measured difficulty in a range."""
         self.plays = plays
         self.is_track = any(play.settings.track for play in chain.from_iterable(plays.values()))
-        self._games: dict[str, list[NamedGame]] = {}
-        self._by_task: dict[str, NamedGame] = {}
+        self._tasks: dict[str, list[tuple[Play, int]]] = {}
         for part, of_part in plays.items():
-            games = self._games[part] = []
+            tasks = self._tasks[part] = []
             for play in of_part:
-                for task in chosen_tasks(play.world, None, difficulty).tolist():
-                    game = NamedGame(play, task)
-                    games.append(game)
-                    self._by_task[game.of_task] = game
+                numbers = chosen_tasks(play.world, None, difficulty).tolist()
+                tasks += [(play, task) for task in numbers]
+        offered = chain.from_iterable(self._tasks.values())
+        self._by_name = {play.name(task): (play, task) for play, task in offered}
 
     def count(self, part: str) -> int:
         """Return the number of tasks of a part; raises ConfigError for a part that is not there."""
         return len(self._of_part(part))
 
-    def at(self, part: str, index: int, distractor_seed: int = 0) -> NamedGame:
-        """Return the game with an index in a part.
+    def at(self, part: str, index: int) -> tuple[Play, int]:
+        """Return the games and the task in them with an index in a part.
 
         Args:
             part: the part of the tasks.
             index: number of the task in this part, from 0.
-            distractor_seed: seed of the distractors on the table.
 
         Raises:
             ConfigError: for a part that is not offered, or an index out of range.
         """
-        count = self.count(part)
-        if type(index) is not int or not 0 <= index < count:
-            raise ConfigError(
-                f"`index` {_shown(index)}: expected a whole number from 0 to {count - 1}, a task "
-                f"of the part {part}."
-            )
-        return replace(self._of_part(part)[index], distractor_seed=distractor_seed)
+        return self._of_part(part)[whole("index", index, 0, self.count(part) - 1)]
 
-    def named(self, name: Any) -> NamedGame:
-        """Return the game with a name.
+    def named(self, name: Any) -> tuple[Play, int, int]:
+        """Return the games, the task in them and the distractor seed of a game with a name.
 
         Raises:
             ConfigError: for another text, or a game that is not offered.
         """
+        # The name comes from outside, and errors show its beginning alone.
         task_name, _, seed = name.rpartition("-") if isinstance(name, str) else ("", "", "")
-        if task_name in self._by_task and _SEED.fullmatch(seed):
-            return replace(self._by_task[task_name], distractor_seed=int(seed))
-        example = self.at(next(iter(self.plays)), 0).name
+        first_name = f"{task_name}-0"
+        if first_name in self._by_name and _SEED.fullmatch(seed):
+            return *self._by_name[first_name], int(seed)
         raise ConfigError(
-            f"`task_id` {_shown(name)} is no game of this server; expected a graph, a part, a "
-            f"depth, a number of distractors and a task that it has, such as '{example}'."
+            f"`task_id` {name!r:.60} is no game of this server; expected a graph, a part, a "
+            "depth, a number of distractors and a task that it has, such as "
+            f"'{next(iter(self._by_name))}'."
         )
 
-    def _of_part(self, part: Any) -> list[NamedGame]:
+    def _of_part(self, part: Any) -> list[tuple[Play, int]]:
         if not isinstance(part, str) or part not in self.plays:
             raise ConfigError(
-                f"the part {_shown(part)} is not offered here; expected {', '.join(self.plays)}. "
+                f"the part {part!r:.60} is not offered here; expected {', '.join(self.plays)}. "
                 "Tasks of another part are for another use: those of the part test measure what "
                 "was learned on the part train."
             )
-        return self._games[part]
-
-
-def _shown(value: object) -> str:
-    """Return a value from outside, which may be of any length, for a message."""
-    return repr(value)[:60]
+        return self._tasks[part]

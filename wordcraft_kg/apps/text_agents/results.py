@@ -10,13 +10,12 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from itertools import chain, product
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from wordcraft_kg.agents.agent_records import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.agents.discovery import LATER_MARKS, MARKS
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TaskGame
@@ -27,10 +26,8 @@ from wordcraft_kg.base import (
     ArtefactError,
     ConfigError,
     Count,
-    GraphMismatchError,
     PlayerError,
     Record,
-    WordCraftKGError,
     as_lines,
     as_values,
     check_file,
@@ -52,7 +49,6 @@ if TYPE_CHECKING:
     from wordcraft_kg.evaluation.agents import ExternalPlayer
 
 
-GamesFormat = Literal["wordcraft-kg text games 2"]
 GAMES_FILE = "games.jsonl"
 COUNTS = ("invalid_actions", "lost_attempts", "look_ups")
 
@@ -66,7 +62,7 @@ class GamesHeader(Record, frozen=True, kw_only=True):
         settings: settings of all games in the file.
     """
 
-    format: GamesFormat = "wordcraft-kg text games 2"
+    format: Literal["wordcraft-kg text games 3"] = "wordcraft-kg text games 3"
     player: str
     settings: PlayedSettings
 
@@ -82,9 +78,7 @@ class GameRecord(Record, frozen=True, kw_only=True):
         success: whether the goal was made.
         by_plan: whether a plan's last pair made the goal.
         actions: number of actions (choices of an entity) in a task until the end.
-        termination: how a game on a task ended, as agent evaluation says it.
         known_after: number of known entities after each attempt in the open-ended world.
-        repeated: number of attempts there with a pair that had been tried before.
         invalid_actions: number of messages that were not understood.
         lost_attempts: number of attempts lost by them.
         look_ups: number of entities that were looked up.
@@ -99,9 +93,7 @@ class GameRecord(Record, frozen=True, kw_only=True):
     success: bool = False
     by_plan: bool = False
     actions: Count = 0
-    termination: TerminationReason | None = None
     known_after: tuple[Count, ...] = ()
-    repeated: Count = 0
     invalid_actions: Count = 0
     lost_attempts: Count = 0
     look_ups: Count = 0
@@ -136,16 +128,9 @@ def open_games(path: Path, header: GamesHeader) -> list[GameRecord]:
 
     Raises:
         ArtefactError: if the file is of another kind or damaged.
-        GraphMismatchError: if its games are of another graph or split.
-        ConfigError: if its games are of another player or other settings.
+        ConfigError: if its games are of another player, graph, split or other settings.
     """
-    line = as_lines([header])[0].encode()
-    if not path.exists():
-        path.touch()
-    start = path.read_bytes()[: len(line)]
-    # A beginning of the header is an empty file, or one whose writer was killed meanwhile.
-    is_unfinished_header = line.startswith(start) and start != line
-    if not is_unfinished_header:
+    if path.exists() and path.stat().st_size:
         stored_header, played, torn = read_games(path)
         # Without games, nothing is lost by new settings.
         if played or stored_header == header:
@@ -155,7 +140,7 @@ def open_games(path: Path, header: GamesHeader) -> list[GameRecord]:
                 logging.getLogger(__name__).warning(text, path)
                 os.truncate(path, path.stat().st_size - len(torn))
             return [*played]
-    os.truncate(path, 0)
+    path.write_bytes(b"")
     append_game(path, header)
     return []
 
@@ -185,9 +170,7 @@ def _check_header(path: Path, stored: GamesHeader, header: GamesHeader) -> None:
     # Graph and split come first: another graph may also differ in settings.
     for name, value in {"player": header.player, **as_values(header.settings)}.items():
         if before[name] != value:
-            is_graph = name in ("graph", "graph_hash", "split_hash")
-            kind = GraphMismatchError if is_graph else ConfigError
-            raise kind(
+            raise ConfigError(
                 f"'{path}' holds games with `{name}` {before[name]}, and this command has {value}. "
                 "Choose another `out`, or use the same settings."
             )
@@ -204,7 +187,6 @@ def record_of(talk: Conversation) -> GameRecord:
         return GameRecord(
             distractor_seed=game.number,
             known_after=tuple(game.known_after),
-            repeated=game.repeated,
             messages=messages,
             pairs=pairs,
             **counts,
@@ -218,29 +200,10 @@ def record_of(talk: Conversation) -> GameRecord:
         success=game.is_made,
         by_plan=game.by_plan,
         actions=game.actions,
-        termination=_termination_of(game),
         messages=messages,
         pairs=pairs,
         **counts,
     )
-
-
-def _termination_of(game: TaskGame) -> TerminationReason:
-    """Return how a finished game ended, in the terms of agent evaluation."""
-    if game.is_made:
-        return "goal"
-    # A lost attempt has no pair, so none that makes anything.
-    last = game.pairs[-1] if game.pairs else None
-    if last is None:
-        return "no_recipe"
-    if len(set(last)) == 1 < len(last):
-        return "same_twice"
-    # The last step of each plan makes the goal.
-    parts = chain.from_iterable(plan[-1].ingredients for plan in game.tasks[game.task].plans)
-    if {*parts} & {*last}:
-        return "one_right_part"
-    picks = tuple(sorted(map(game.graph.id_of, last)))
-    return "no_right_part" if picks in game.world.outcomes else "no_recipe"
 
 
 Keep = Callable[[Conversation], None]
@@ -260,8 +223,7 @@ def games_writer(path: Path, header: GamesHeader) -> Iterator[Keep]:
 
     Raises:
         ArtefactError: if the file is damaged, no plain file, or in use by another process.
-        GraphMismatchError: if its games are of another graph or split.
-        ConfigError: if its games are of another player or other settings.
+        ConfigError: if its games are of another player, graph, split or other settings.
     """
     waiting: list[GameRecord] = []
 
@@ -288,7 +250,8 @@ def games_writer(path: Path, header: GamesHeader) -> Iterator[Keep]:
 def evaluation_of(played: Sequence[GameRecord], groups: Ids | None = None) -> "Evaluation":
     """Convert the records of N tasks with D distractor seeds each to an evaluation, shape (N, D).
 
-    Decisions have no hash (-1), because records need no graph; no metric depends on them.
+    Decisions have no hash (-1) and games no reason of their end (0), because records need no graph;
+    no metric depends on them.
 
     Args:
         played: the records, in any order.
@@ -303,20 +266,15 @@ def evaluation_of(played: Sequence[GameRecord], groups: Ids | None = None) -> "E
     tasks = np.array(sorted({game.task for game in played}), dtype=np.int64)
     seeds = {game.distractor_seed for game in played}
     shape = (len(tasks), len(seeds))
-    if len(played) != shape[0] * shape[1]:
-        raise ValueError(
-            f"{len(played)} games: expected {shape[0]} tasks with {shape[1]} distractor seeds each"
-        )
     # Sorted by task, then by seed, so that a reshaping gives a row for each task.
     games = sorted(played, key=lambda game: (game.task, game.distractor_seed))
-    terminations = [TERMINATION_REASONS.index(game.termination or "no_recipe") for game in games]
     return Evaluation(
         tasks,
         tasks if groups is None else groups[tasks],
         np.array([game.success for game in games], dtype=bool).reshape(shape),
         np.array([game.by_plan for game in games], dtype=bool).reshape(shape),
         np.array([game.actions for game in games], dtype=np.int64).reshape(shape),
-        np.array(terminations, dtype=np.int8).reshape(shape),
+        np.zeros(shape, dtype=np.int8),
         np.full(shape, -1),
     )
 
@@ -381,8 +339,7 @@ def play_all(
     Raises:
         ArtefactError: if the folder's games are damaged or changed, or the folder is in use by
             another process.
-        GraphMismatchError: if the folder's games are of another graph or split.
-        ConfigError: if they are of another player or other settings.
+        ConfigError: if they are of another player, graph, split or other settings.
     """
     path = folder / GAMES_FILE
     settings = play.settings
@@ -450,16 +407,14 @@ def continuable(folder: Path) -> Iterator[None]:
         try:
             yield
         except (KeyboardInterrupt, PlayerError, OSError) as error:
-            has_games = any(folder.rglob(GAMES_FILE))
-            goes_on = f" Finished games are in {folder}; repeat the command to continue."
-            hint = goes_on if has_games else ""
-            if isinstance(error, KeyboardInterrupt):
-                raise KeyboardInterrupt(f"interrupted.{hint}") from None
-            if isinstance(error, PlayerError):
-                raise PlayerError(f"{error}{hint}") from None
-            if isinstance(error, WordCraftKGError) or not has_games:
+            if not any(folder.rglob(GAMES_FILE)):
                 raise
-            raise ArtefactError(f"{folder}: {error.strerror or error}.{hint}") from None
+            hint = f"Finished games are in {folder}; repeat the command to continue."
+            if isinstance(error, KeyboardInterrupt):
+                raise KeyboardInterrupt(f"interrupted. {hint}") from None
+            if isinstance(error, PlayerError):
+                raise PlayerError(f"{error} {hint}") from None
+            raise ArtefactError(f"{folder}: {error.strerror or error}. {hint}") from None
 
 
 def evaluate_program(
@@ -500,14 +455,7 @@ def evaluate_program(
                 games = folder / f"distractors-{world.config.num_distractors}"
                 played = play_all(program, play, games, tasks.tolist())
                 results.append(evaluation_of(played, world.groups))
-                _log_answers(program.name, played)
+                if invalid := sum(game.invalid_actions for game in played):
+                    text = counted(invalid, "invalid answer")
+                    logging.getLogger(__name__).warning("%s: %s", program.name, text)
     return program.name, results
-
-
-def _log_answers(name: str, played: Sequence[GameRecord]) -> None:
-    invalid = sum(game.invalid_actions for game in played)
-    lost = sum(game.lost_attempts for game in played)
-    if invalid:
-        logging.getLogger(__name__).warning(
-            "%s: %s, %s lost", name, counted(invalid, "invalid answer"), counted(lost, "attempt")
-        )

@@ -1,21 +1,14 @@
-"""Settings for text agents' games; without heavy imports, for the command line."""
+"""Settings of text agents' games; without heavy imports, for the command line."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Literal
 
-from cyclopts import Parameter
+from wordcraft_kg.base import Count, Hash, Record
+from wordcraft_kg.graphs import TaskPart, TrainedOn
 
-from wordcraft_kg.base import MAX_SIZE, ConfigError, Count, Hash, Record, one_of, whole
-from wordcraft_kg.cli.console import Flag, split_labels
-from wordcraft_kg.envs.world_config import MAX_ATTEMPTS, WordCraftConfig
-from wordcraft_kg.graphs import MAX_DEPTH, TaskPart, TrainedOn
-
-KnowledgeKind = Literal["none", "partial", "scorer"]
-"""Look-up source: nothing, the train recipes, or a trained scorer's best links."""
 LookUps = Literal["none", "partial"]
-"""Look-up sources in the benchmark."""
+"""Look-up source: nothing, or the train recipes."""
+KnowledgeKind = Literal["none", "partial", "scorer"]
+"""Look-up source outside of the benchmark: these, or a trained scorer's best links."""
 MAX_INVALID = 3
 """Consecutive invalid messages without cost: a model may correct its form, but not try for ever."""
 LOOK_UPS = 10
@@ -24,72 +17,6 @@ TIMEOUT = 60.0
 """Seconds that a program has for an answer."""
 ATTEMPTS = 100
 """Attempts in an open-ended game."""
-
-
-def _labels(kind: Any, tokens: Sequence[Any]) -> list[str]:
-    return split_labels([token.value for token in tokens])
-
-
-@dataclass(frozen=True)
-class GameSettings:
-    """Games for text agents: tasks or the open-ended world, and the look-up source.
-
-    Attributes:
-        part: tasks to play: train, valid, test or all.
-        depth: fewest attempts that solve a task, 1 to 5.
-        distractors: entities on the table that no plan needs.
-        attempts: attempts in a game. Default: depth; 100 in the open-ended world.
-        open_ended: discover as many entities as possible from the base, without tasks.
-        base: comma-separated initial entities in the open-ended world. Default: the graph's base.
-        knowledge: look-up source: none, partial (train recipes that do not make the goal from the
-            table) or scorer (best links by --scorer).
-        scorer: model folder, for --knowledge scorer.
-        look_ups: look-ups in a game.
-
-    Raises:
-        ConfigError: for a value out of range, or incompatible settings.
-    """
-
-    part: TaskPart = "test"
-    depth: int = WordCraftConfig.depth
-    distractors: int = WordCraftConfig.num_distractors
-    attempts: int | None = None
-    open_ended: Flag = False
-    # Split at commas: the parser itself would take the whole text for one label.
-    base: Annotated[
-        list[str] | None,
-        Parameter(negative=(), consume_multiple=False, converter=_labels, accepts_keys=False),
-    ] = None
-    knowledge: KnowledgeKind = "none"
-    scorer: Path | None = None
-    look_ups: int = LOOK_UPS
-
-    def __post_init__(self) -> None:
-        # Checked here, because Python code and Inspect make settings without the command line.
-        one_of("part", self.part, get_args(TaskPart))
-        whole("depth", self.depth, 1, MAX_DEPTH)
-        whole("distractors", self.distractors, 0, MAX_SIZE)
-        if self.base is not None and not self.open_ended:
-            raise ConfigError(f"`base` {','.join(self.base)}: a base needs `open_ended`.")
-        if self.open_ended:
-            for name in ("part", "depth", "distractors"):
-                # The class has the default: another value was given by the user.
-                if getattr(self, name) != getattr(type(self), name):
-                    raise ConfigError(f"`open_ended` has no tasks; omit `{name}`.")
-        if self.attempts is not None:
-            # With fewer attempts than its depth, a task cannot be solved.
-            fewest = 1 if self.open_ended else self.depth
-            max_attempts = MAX_SIZE if self.open_ended else MAX_ATTEMPTS
-            whole("attempts", self.attempts, fewest, max_attempts)
-        one_of("knowledge", self.knowledge, get_args(KnowledgeKind))
-        whole("look_ups", self.look_ups, 0, MAX_SIZE)
-        if self.knowledge == "scorer" and self.scorer is None:
-            raise ConfigError("`knowledge` scorer: add the model folder as `scorer`.")
-        if self.knowledge != "scorer" and self.scorer is not None:
-            raise ConfigError(
-                f"`scorer` {self.scorer}: a scorer needs `knowledge` scorer; add this setting, or "
-                "omit the scorer."
-            )
 
 
 class PlayedSettings(Record, frozen=True, kw_only=True):

@@ -9,7 +9,6 @@ each of several. A submission in an archive has the path of the archive and of i
 such as ``craft-8.zip/votes``; other members have no effect.
 """
 
-import datetime
 import hashlib
 import json
 import os
@@ -47,14 +46,12 @@ from wordcraft_kg.base import (
     parse_record,
     read_small_file,
     refuse,
-    schema_of,
     what_is,
     write_atomically,
 )
 from wordcraft_kg.base.artefacts import SMALL_FILE, ZipArchive, has_only_temporary
 from wordcraft_kg.base.settings import one_line
 from wordcraft_kg.base.statistics import student_interval, task_bootstrap
-from wordcraft_kg.base.wording import look_alike_key
 
 MESSAGES = "messages"
 """Folder in a submission with a text player's prompts and answers, which verification ignores."""
@@ -214,13 +211,6 @@ class Submission(Record, frozen=True, kw_only=True):
     lost_attempts: Count
     figures: TrackMetrics
     games_hash: Hash
-
-
-def submission_schema() -> dict[str, Any]:
-    """Return the JSON Schema of ``submission.json``."""
-    return schema_of(
-        Submission, "urn:wordcraft-kg:submission:2", "A submission to a wordcraft-kg benchmark"
-    )
 
 
 def replay(play: Play, number: int, played: GameRecord | GameLine) -> GameLine:
@@ -430,7 +420,6 @@ def write_submission(
         benchmark_hash=manifest_hash,
         scoring=manifest.scoring,
         track=track.name,
-        graph_hash=track.opened.graph.hash,
         knowledge=knowledge,
         **_totals(track, lines, text),
         **about,
@@ -455,6 +444,7 @@ def _totals(track: Track, lines: Sequence[GameLine], games: bytes) -> dict[str, 
     invalid = sum(line.invalid_actions for line in lines)
     answers = sum(len(line.pairs) for line in lines) - lost + look_ups
     return {
+        "graph_hash": track.opened.graph.hash,
         "look_ups": look_ups,
         "invalid_actions": invalid,
         "answers_read": _rounded(answers / (answers + invalid)) if answers + invalid else None,
@@ -468,16 +458,6 @@ def verify(folder: Path) -> Submission:
     """Play a submission again, compare every byte and result, and return it.
 
     Raises:
-        ArtefactError: naming file and line, if anything differs from the replay.
-        ConfigError: for an unknown track, or a declared text with refused characters.
-    """
-    return verified_games(folder)[0]
-
-
-def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
-    """Return a verified submission with its games, see :func:`verify`.
-
-    Raises:
         ArtefactError: if a file is missing, damaged or edited, or if a result differs from what
             replaying the games gives; the message names the first difference.
         ConfigError: for an unknown track, or a declared text with refused characters.
@@ -488,8 +468,6 @@ def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
     submission = parse_record(data, Submission, path)
     _check_versions(path, submission)
     track = open_track(submission.track)
-    if submission.graph_hash != track.opened.graph.hash:
-        raise _refused(path, "graph_hash", submission.graph_hash, track.opened.graph.hash)
     games = read_submission_file(folder, GAMES_FILE)
     lines = _replayed(games, folder / GAMES_FILE, track, track.play(submission.knowledge))
     for name, value in _totals(track, lines, games).items():
@@ -500,7 +478,7 @@ def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
     # The same values in another form, such as other blanks, would have another hash.
     if dump_json(as_values(submission)).encode() != data:
         raise ArtefactError(f"{path} was edited: expected the form in which `bench run` writes it.")
-    return submission, lines
+    return submission
 
 
 def check_declared(name: str, text: str, longest: int = LONGEST_TEXT) -> None:
@@ -535,13 +513,12 @@ def acceptable(text: str, longest: int = LONGEST_TEXT) -> str:
     A dash is in the place of refused characters; if this is not enough, the text is "not declared".
     A player's own name and folder give such texts, and must not stop a long evaluation at its end.
     """
-    plain = re.sub(f"[{_REFUSED}]", "-", text)
-    printable = "".join(char if char.isprintable() else "-" for char in plain).strip()[:longest]
+    plain = re.sub(f"[{_REFUSED}]", "-", text).strip()[:longest]
     try:
-        check_declared("text", printable, longest)
+        check_declared("text", plain, longest)
     except ConfigError:
         return "not declared"
-    return printable
+    return plain
 
 
 def _check_versions(path: Path, submission: Submission) -> None:
@@ -557,18 +534,17 @@ def _check_versions(path: Path, submission: Submission) -> None:
             raise _refused(path, name, getattr(submission, name), value)
     # Nobody could verify who played: answers of people are in the folder of `people serve`, which
     # checks them, and in `people summary`.
-    if look_alike_key("people") in look_alike_key(submission.kind):
-        expected = "the kind of a program or model, since a submission cannot show who played"
+    # No letters of other scripts, digits or signs may write "people" either.
+    plain = submission.kind.casefold().translate(str.maketrans("01i|", "olll"))
+    if not plain.isascii() or "people" in re.sub("[^a-z]", "", plain):
+        expected = (
+            "the kind of a program or model in ASCII, since a submission cannot show who played"
+        )
         raise _refused(path, "kind", submission.kind, expected, "give the folder of `people serve`")
     for name in ("player", "kind", "training_data", "licence"):
         check_declared(f"{path}: {name}", getattr(submission, name))
     for key in (*submission.weights, *(submission.tokens or ())):
         check_declared(f"{path}: a name in weights or tokens", key)
-    if submission.date is not None:
-        try:
-            datetime.date.fromisoformat(submission.date)
-        except ValueError:
-            raise _refused(path, "date", submission.date, "a day such as 2026-11-23") from None
     standard = manifest.prompts.values()
     prompt_hash = submission.prompt_hash
     if submission.prompts == "standard" and prompt_hash not in standard:

@@ -4,19 +4,18 @@ An action is a message, as in all conversations, and makes an attempt.
 """
 
 import string
-from typing import Any, get_args
+from typing import Any
 
 import gymnasium as gym
 from gymnasium import spaces
 
-from wordcraft_kg.apps.text_agents.conversation import Seat, open_knowledge
+from wordcraft_kg.apps.text_agents.conversation import Seat
 from wordcraft_kg.apps.text_agents.games import TaskGame
 from wordcraft_kg.apps.text_agents.plays import TaskGames, chosen_tasks
-from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, GameSettings, LookUps
-from wordcraft_kg.base import MAX_SIZE, ActionError, ConfigError, one_of
+from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
+from wordcraft_kg.base import MAX_SIZE, ActionError, ConfigError
 from wordcraft_kg.envs.words import characters
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.envs.world_config import METADATA, check_mode
 from wordcraft_kg.graphs.graph_folder import GraphLike
 
 LONGEST_ACTION = 10_000
@@ -62,13 +61,10 @@ class TextEnv(Seat, gym.Env[str, str]):
         talk: the conversation; None before the first ``reset``.
     """
 
-    metadata = METADATA
-
     def __init__(
         self,
         graph: GraphLike | World = "everyday",
         *,
-        render_mode: str | None = None,
         knowledge: LookUps = "none",
         look_ups: int = LOOK_UPS,
         difficulty: tuple[float, float] | None = None,
@@ -89,13 +85,8 @@ class TextEnv(Seat, gym.Env[str, str]):
             TaskError: if the graph has no such task.
             RecipeFileError: if there is no such graph, or a book cannot be read.
         """
-        check_mode(render_mode)
-        one_of("knowledge", knowledge, get_args(LookUps))
-        offer = GameSettings(knowledge=knowledge, look_ups=look_ups)
-        self.render_mode = render_mode
         self.world = World.of(graph, settings)
-        facts = open_knowledge(offer, self.world.opened)
-        self._play = TaskGames(self.world, facts, look_ups=look_ups)
+        self._play = TaskGames(self.world, knowledge=knowledge, look_ups=look_ups)
         self._tasks = chosen_tasks(self.world, None, difficulty)
         charset = characters(self.world.graph).union(string.printable, _UNKNOWN)
         self.observation_space = spaces.Text(LONGEST_OBSERVATION, min_length=1, charset=charset)
@@ -147,14 +138,6 @@ class TextEnv(Seat, gym.Env[str, str]):
         reply = talk.hear(action[-LONGEST_ACTION:])
         return self._in_space(reply), talk.reward, talk.is_over, False, self._info()
 
-    def render(self) -> str | None:
-        """Return the state in words; None without a ``render_mode``.
-
-        Raises:
-            EpisodeError: before :meth:`reset`.
-        """
-        return None if self.render_mode is None else self._begun.game.state
-
     def _info(self) -> Info:
         talk = self._begun
         game = talk.game
@@ -170,6 +153,4 @@ class TextEnv(Seat, gym.Env[str, str]):
 
     def _in_space(self, text: str) -> str:
         """Return a text of the space: an error repeats a part of the action, in any characters."""
-        if self._charset.issuperset(text):
-            return text
         return "".join(letter if letter in self._charset else _UNKNOWN for letter in text)

@@ -24,6 +24,7 @@ server.
 import itertools
 import json
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -36,28 +37,13 @@ from http.client import HTTPException
 from pathlib import Path
 from queue import Empty, Full, Queue, SimpleQueue
 from types import TracebackType
-from typing import Any, Protocol
+from typing import Any
 from urllib.error import HTTPError, URLError
-from urllib.parse import urlsplit
 from urllib.request import HTTPRedirectHandler, Request, build_opener
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT
 from wordcraft_kg.base import ConfigError, PlayerError, for_terminal, number_in
-
-
-class TextPlayer(Protocol):
-    """A program or a model that plays by text, several games one after another or at a time.
-
-    Attributes:
-        name: the player's name in results.
-    """
-
-    name: str
-
-    def answer(self, talk: Conversation) -> str:
-        """Return the answer to the last message of a game that is not over."""
-
 
 MOST_CHARACTERS = 100_000
 """Most characters in an answer line; a language model may include reasoning."""
@@ -85,7 +71,6 @@ _PASSED_ON = frozenset(
     )
 )
 """Environment variables that a program receives, besides LC_* and WORDCRAFT_KG_*."""
-_OWN_PREFIXES = ("LC_", "WORDCRAFT_KG_")
 
 
 class LinePlayer(AbstractContextManager["LinePlayer"]):
@@ -263,19 +248,17 @@ def player_environment(variables: Mapping[str, str]) -> dict[str, str]:
     These are paths, language, caches and devices. Tokens and keys are not among them, because a
     program may be foreign. Proxies are passed on unless their address holds a password.
     """
-    passed = {}
-    for name, value in variables.items():
-        is_proxy = name.upper() in ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY") and "@" not in value
-        is_own = name.upper().startswith(_OWN_PREFIXES)
-        if name.upper() in _PASSED_ON or is_proxy or is_own:
-            passed[name] = value
-    return passed
+
+    def is_passed(name: str, value: str) -> bool:
+        if name in ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY"):
+            return "@" not in value
+        return name in _PASSED_ON or name.startswith(("LC_", "WORDCRAFT_KG_"))
+
+    return {name: value for name, value in variables.items() if is_passed(name.upper(), value)}
 
 
 def _message_in(line: str) -> str:
     """Return the message in a line: a JSON string holds one of several lines."""
-    if not line.startswith('"'):
-        return line
     with suppress(ValueError, RecursionError):
         message = json.loads(line)
         if isinstance(message, str):
@@ -290,18 +273,19 @@ def name_of(words: list[str]) -> str:
     Never an option, which may hold a key: names stand in results.
     """
     is_python = Path(words[0]).stem.startswith("python") or words[0] == sys.executable
-    for word in words[1:] if is_python else ():
-        # Code may take the place of a file name.
-        with suppress(OSError):
-            if not word.startswith("-") and Path(word).is_file():
-                return Path(word).name
-    return Path(words[0]).name
+    # Code may take the place of a file name.
+    scripts = [word for word in words[1:] if os.path.isfile(word)]
+    return Path(scripts[0] if is_python and scripts else words[0]).name
 
 
 KEY = "OPENAI_API_KEY"
 """Environment variable with the key; servers on this machine need none."""
 _PAUSES = (0, 1, 2, 4, 8)
 """Seconds before each request for an answer."""
+_ADDRESS = re.compile(
+    r"https?://(\[[0-9a-fA-F:.]+\]|[^\s/:\[\]]+)(:[0-9]{1,5})?(/\S*)?", re.IGNORECASE
+)
+"""Addresses of HTTP: a host, by name or number, with a port and a path or without."""
 _BUSY = (408, 409, 429, 500, 502, 503, 504)
 """Statuses after which another request may succeed."""
 _MOST_TOKENS = 1_000
@@ -312,15 +296,6 @@ _LONGEST_REPLY = 1_000_000
 class _NoRedirects(HTTPRedirectHandler):
     def redirect_request(self, *_: Any) -> None:
         """Redirect nowhere: the reply becomes an HTTPError."""
-
-
-def _is_address(text: str) -> bool:
-    try:
-        parts = urlsplit(text)
-        # Reading a port raises ValueError for one that is no number.
-        return parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
-    except ValueError:
-        return False
 
 
 def _text_in(content: Any) -> str:
@@ -355,7 +330,7 @@ class ChatServer:
         Raises:
             ConfigError: if the address is none of HTTP, or the key cannot be sent.
         """
-        if not _is_address(base_url):
+        if not _ADDRESS.fullmatch(base_url):
             raise ConfigError(
                 f"`base_url` '{base_url[:100]}': expected the address of a chat completions API, "
                 f"such as http://127.0.0.1:8000/v1. Its key is read from {KEY}."
@@ -407,7 +382,8 @@ class ChatServer:
                     break
             except TimeoutError:
                 failure = f"has not answered in {self._timeout:g} seconds"
-            except (URLError, HTTPException, OSError) as error:
+            except (URLError, HTTPException, OSError, ValueError) as error:
+                # A ValueError is of an address that no request can have, such as http://../v1.
                 failure = f"does not answer ({getattr(error, 'reason', error)}). Start the server"
                 break
         raise PlayerError(f"{self._address} {self._shown(failure)}.")
@@ -425,3 +401,7 @@ class ChatServer:
         """Return a server's words in one line, without the key, which some servers repeat."""
         public_text = text.replace(self._key, "***") if self._key else text
         return for_terminal(" ".join(public_text.split()))[:2_000].rstrip(".")
+
+
+TextPlayer = LinePlayer | ChatServer
+"""A program or a model that plays by text, several games one after another or at a time."""

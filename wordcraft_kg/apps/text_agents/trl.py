@@ -16,11 +16,12 @@ game can be replayed from its row and its pairs.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from itertools import chain, product, zip_longest
 from typing import TYPE_CHECKING, Any, Literal
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Seat
-from wordcraft_kg.apps.text_agents.plays import NamedGame, chosen_tasks, open_play, tool_opening
+from wordcraft_kg.apps.text_agents.plays import chosen_tasks, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
 from wordcraft_kg.base import ConfigError, whole
 from wordcraft_kg.base.extras import missing_extra
@@ -49,6 +50,11 @@ COLUMNS = (*_SETTINGS, "split_hash", "task", "distractor_seed", "goal")
 ``goal`` the label of the entity to make.
 """
 
+_PLAYS_IN_MEMORY = 32
+"""Opened graphs with settings: more than a mixture of depths and numbers of distractors needs."""
+# Thousands of rollouts share the games.
+_shared_play = lru_cache(maxsize=_PLAYS_IN_MEMORY)(open_play)
+
 
 def begin_row(row: Mapping[str, Any]) -> Conversation:
     """Begin the game that a row of a data set names.
@@ -60,7 +66,6 @@ def begin_row(row: Mapping[str, Any]) -> Conversation:
             of the row, or a value is out of range.
         RecipeFileError: if there is no such graph, or a book cannot be read.
         TaskError: if the graph has no task for these settings.
-        LeakError: if look-ups would leak train recipes on train tasks.
     """
     missing = [name for name in COLUMNS if row.get(name) is None]
     if missing:
@@ -68,13 +73,12 @@ def begin_row(row: Mapping[str, Any]) -> Conversation:
             f"the row has no column '{missing[0]}'; expected the columns {', '.join(COLUMNS)}. "
             "Make the data set with crafting_dataset."
         )
-    play = open_play(*(row[name] for name in _SETTINGS))
-    game = NamedGame(play, row["task"], row["distractor_seed"])
-    talk = game.begin()
+    play = _shared_play(*(row[name] for name in _SETTINGS))
+    talk = play.begin(row["task"], row["distractor_seed"])
     facts = {
         "split_hash": play.settings.split_hash,
         "goal": talk.game.goal,
-        "task_id": game.name,
+        "task_id": talk.name,
     }
     for name, value in facts.items():
         # A row may have no name: its columns say everything.
@@ -205,7 +209,6 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
 
     Raises:
         ConfigError: for a value out of range.
-        LeakError: if look-ups would leak train recipes on train tasks.
         TaskError: if the graph has no task for these settings.
         RecipeFileError: if there is no such graph, or a book cannot be read.
     """
@@ -215,14 +218,15 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
     numbers = (distractors,) if isinstance(distractors, int) else distractors
     for each_depth, number in product(depths, numbers):
         num_attempts = each_depth if attempts is None else attempts
-        play = open_play(graph, part, each_depth, number, num_attempts, reward, knowledge, look_ups)
+        play = _shared_play(
+            graph, part, each_depth, number, num_attempts, reward, knowledge, look_ups
+        )
         task_numbers = chosen_tasks(play.world, tasks, difficulty).tolist()
         for task, seed in product(task_numbers, range(tables)):
             # The game is begun for its goal and first message, and begun again from the row.
-            game = NamedGame(play, task, seed)
-            talk = game.begin()
+            talk = play.begin(task, seed)
             row = {
-                "task_id": game.name,
+                "task_id": talk.name,
                 "graph": graph,
                 "split_hash": play.settings.split_hash,
                 "part": part,
@@ -255,7 +259,7 @@ def crafting_dataset(graph: str = "everyday", **settings: Any) -> "datasets.Data
 
     Raises:
         MissingExtraError: without the package datasets, which TRL requires itself.
-        ConfigError, TaskError, RecipeFileError, LeakError: as :func:`crafting_rows`.
+        ConfigError, TaskError, RecipeFileError: as :func:`crafting_rows`.
     """
     rows = crafting_rows(graph, **settings)
     try:

@@ -39,6 +39,8 @@ LOOPBACK = ("127.0.0.1", "localhost", "::1")
 """Names of this machine, which are always permitted: no other machine can answer to them."""
 _FOREIGN = 1008
 """Code with which a web socket of a foreign page is closed."""
+WENT_WRONG = "Something went wrong. Please reload the page; the server's terminal has the reason."
+"""Shown for an error of the server: the reason is for the person at the terminal."""
 ErrorPage = Callable[[int, str], str]
 """Returns the HTML page of an error from its status and message."""
 
@@ -79,22 +81,18 @@ class Guard:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, or let a web socket pass."""
-        if scope["type"] == "lifespan":
-            await self.app(scope, receive, send)
         if scope["type"] == "websocket":
             headers = Headers(scope=scope)
             # A page of another site must not play here from its reader's browser.
             if _host_of(headers) not in self.hosts or is_of_another_site(headers):
                 logging.getLogger(__name__).warning("refused a web socket of another site")
                 await WebSocket(scope, receive, send).close(_FOREIGN)
-            else:
-                await self.app(scope, receive, send)
+                return
         if scope["type"] != "http":
+            await self.app(scope, receive, send)
             return
         guarded = _Sender(send)
-        refusal = self._refusal(scope)
-        if refusal is None:
-            refusal = await self._served(scope, receive, guarded)
+        refusal = self._refusal(scope) or await self._served(scope, receive, guarded)
         if refusal is None:
             return
         status, message = refusal
@@ -116,9 +114,8 @@ class Guard:
                 return None
             return 503, "The server is stopping. Please reload the page later."
         except WordCraftKGError as error:
-            # It says what is wrong, for the person at the terminal and not for the visitor.
             logging.getLogger(__name__).error("%s", error)
-            return 500, "Something went wrong. See the terminal for details."
+            return 500, WENT_WRONG
         except LocalProtocolError:
             return None  # the server has answered a malformed request itself
         except Exception:
@@ -127,7 +124,7 @@ class Guard:
             logging.getLogger(__name__).exception("error in a request for %s", page)
             if send.has_begun:  # let the server cut the answer, so that it is not taken for whole
                 raise
-            return 500, "Something went wrong. See the terminal for details."
+            return 500, WENT_WRONG
         return None
 
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:

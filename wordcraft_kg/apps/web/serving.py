@@ -6,7 +6,7 @@ import os
 import socket
 import sys
 import webbrowser
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 
 import h11
 from starlette.types import ASGIApp
@@ -118,14 +118,6 @@ class Connection(H11Protocol):
         return has_unsent or is_between_requests or self.cycle.more_body
 
 
-def end_overdue(connections: Collection[object]) -> None:
-    """End all connections, as uvicorn lists them, whose clients are overdue."""
-    for connection in list(connections):
-        if isinstance(connection, Connection) and connection.is_overdue():
-            connection.end()
-
-
-LARGEST_PORT = 65_535
 _TICKS = 10
 """Ticks of uvicorn in a second."""
 PATIENCE = 1
@@ -142,7 +134,7 @@ def listen(host: str, port: int) -> socket.socket:
     Raises:
         ConfigError: if the host is unknown, or the port is in use or not permitted.
     """
-    whole("port", port, 0, LARGEST_PORT)
+    whole("port", port, 0, 65_535)
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
     except (OSError, UnicodeError):
@@ -207,7 +199,9 @@ def serve(
 
         async def on_tick(self, counter: int) -> bool:
             if counter % _TICKS == 0:
-                end_overdue(self.server_state.connections)
+                for connection in list(self.server_state.connections):
+                    if isinstance(connection, Connection) and connection.is_overdue():
+                        connection.end()
             return await super().on_tick(counter)
 
     # A class for each server: the limit of open files is that of the moment.

@@ -11,7 +11,7 @@ in the other book as a test recipe does. The page docs/explanation/leaks.md says
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import chain, count
+from itertools import count
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -24,9 +24,7 @@ from wordcraft_kg.graphs import (
     Ids,
     OpenedGraph,
     RecipeGraph,
-    SplitConfig,
     is_in,
-    make_split,
     open_graph,
 )
 from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
@@ -312,22 +310,3 @@ def recipes_together(books: Sequence[OtherBook], labels: Iterable[str]) -> Ids:
         ids = np.array([place[label] for label in book.labels])
         rows.append(ids[book.recipes])
     return ordered_recipes(np.concatenate(rows))
-
-
-def joined(books: Sequence[OtherBook], opened: OpenedGraph) -> tuple[OpenedGraph, Ids]:
-    """Return a graph with the recipes of all books as train recipes, and ids of the own entities.
-
-    Args:
-        books: other books, whose labels begin with the graph's.
-        opened: the graph.
-
-    Returns:
-        the joint graph; and the joint ids of the graph's entities, shape (E,).
-    """
-    labels = sorted(set(chain.from_iterable(book.labels for book in books)))
-    recipes = recipes_together(books, labels)
-    graph = RecipeGraph(labels, recipes, [], name=f"books for {opened.graph.name}")
-    split = make_split(graph, SplitConfig("none"))
-    place = {label: row for row, label in enumerate(labels)}
-    own = np.array([place[label] for label in opened.graph.entities])
-    return OpenedGraph(graph, split, opened.source), own

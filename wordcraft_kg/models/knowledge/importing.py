@@ -191,51 +191,45 @@ def with_overrides(
         alignment: the automatic alignment.
         network: the graph from outside the book.
         entities: labels in id order.
-        path: lines as in ``alignment.tsv``, of which two columns count: a label, and a node with or
-            without the network's prefix; without a node, the label is left out.
+        path: lines as in ``alignment.tsv``, of which two columns count: a label and a node; without
+            a node, the label is left out.
 
     Returns:
         A new alignment, in which a named node has confidence 1.
 
     Raises:
-        KnowledgeFileError: for an unknown label or node, or a file that is not UTF-8.
+        KnowledgeFileError: for an unknown or repeated label, or an unknown node.
         ArtefactError: if the file cannot be read.
     """
     nodes = alignment.nodes.copy()
     confidences = alignment.confidences.copy()
     methods = list(alignment.methods)
-    numbers = {name: node for node, name in enumerate(network.nodes)}
+    numbers = {network.name_of(node): node for node in range(len(network.nodes))}
+    # Nothing leaves a label out.
+    numbers[""] = -1
     lines_of: dict[str, int] = {}
-    try:
-        lines = read_small_file(path).decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError:
-        raise KnowledgeFileError(f"{path} is not UTF-8. Save the file as UTF-8.") from None
+    lines = read_small_file(path).decode("utf-8-sig", errors="replace").splitlines()
     for number, line in enumerate(lines, 1):
-        label, *columns = line.split("\t")
+        label, tab, columns = line.partition("\t")
         is_header = number == 1 and label == _COLUMNS[0]
         if is_header or not line.strip():
             continue
+        name = columns.partition("\t")[0].strip()
+        if not tab or label not in entities or name not in numbers:
+            raise KnowledgeFileError(
+                f"{path}, line {number}: '{line[:80]}' is not a label of the graph, a tab, and a "
+                f"node of {network.source} or nothing.{nearest(label, entities)} Expected lines as "
+                f"in {ALIGNMENT}, in UTF-8."
+            )
         if label in lines_of:
             raise KnowledgeFileError(
                 f"{path}, line {number}: '{label}' stands in line {lines_of[label]}, too; expected "
                 "each label once."
             )
-        if not columns or label not in entities:
-            raise KnowledgeFileError(
-                f"{path}, line {number}: '{label}' is not a label of the graph before a "
-                f"tab.{nearest(label, entities)} Expected lines as in {ALIGNMENT}."
-            )
-        name = columns[0].strip()
-        node = numbers.get(name.removeprefix(f"{network.prefix}:"), -1)
-        if name and node < 0:
-            raise KnowledgeFileError(
-                f"{path}, line {number}: {network.source} has no node '{name}'. Expected a node as "
-                f"in the second column of {ALIGNMENT}, or nothing to leave '{label}' out."
-            )
         lines_of[label] = number
         entity = entities.index(label)
-        nodes[entity] = node
-        confidences[entity] = float(node >= 0)
+        nodes[entity] = numbers[name]
+        confidences[entity] = float(bool(name))
         methods[entity] = "override" if name else "left out"
     return Alignment(nodes, tuple(methods), confidences)
 
@@ -265,10 +259,8 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def _hashes(path: Path) -> dict[str, str]:
     """Return the hash of a file, or of each file in a folder, by name."""
-    files = [path]
-    if path.is_dir():
-        files = sorted(file for file in path.iterdir() if file.is_file())
-    return {file.name: sha256_of(file) for file in files}
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    return {file.name: sha256_of(file) for file in files if file.is_file()}
 
 
 def _card(view: ImportedKnowledge, opened: OpenedGraph, kind: Kind) -> str:

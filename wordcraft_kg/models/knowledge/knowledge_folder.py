@@ -5,7 +5,6 @@ The page docs/architecture.md, *On disk*, lists the files.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import compress
 from pathlib import Path
 from typing import Literal
 
@@ -99,19 +98,14 @@ class KnowledgeTables:
         record = msgspec.structs.replace(self.record, entities=tuple(entities))
         return KnowledgeTables(record, tuple(tables))
 
-    def coverage(self, entities: Sequence[str]) -> float:
-        """Return the share of labels that the source describes: labels with a cell other than 0.
-
-        Args:
-            entities: labels, also others than the folder's; of none, the share is 0.
-        """
-        is_known = torch.zeros(len(self.record.entities), dtype=torch.bool)
+    def coverage(self) -> float:
+        """Return the share of labels that the source describes: labels with a cell other than 0."""
+        is_described = torch.zeros(len(self.record.entities), dtype=torch.bool)
         for table in self.tables:
             has_value = table != 0
             # By row and by column: an entity may be an ingredient only, or a result only.
-            is_known |= has_value.any(1) | has_value.any(0)
-        described = set(compress(self.record.entities, is_known.tolist()))
-        return sum(label in described for label in entities) / max(len(entities), 1)
+            is_described |= has_value.any(1) | has_value.any(0)
+        return int(is_described.sum()) / max(len(is_described), 1)
 
 
 def write_knowledge(
@@ -197,10 +191,8 @@ def read_triples_of(files: RunFiles) -> list[list[str]]:
     # Split at newlines alone: labels may have other line ends.
     _, *lines = text.split("\n")
     rows = [line.split("\t") for line in lines]
-    for number, row in enumerate(rows, 2):
-        if len(row) != 3:
-            raise ArtefactError(
-                f"{files.folder / TRIPLES}, line {number}: expected 3 columns. Make the folder "
-                "again."
-            )
+    if any(len(row) != 3 for row in rows):
+        raise ArtefactError(
+            f"{files.folder / TRIPLES} has lines of other than 3 columns. Make the folder again."
+        )
     return rows

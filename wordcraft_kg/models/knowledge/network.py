@@ -9,7 +9,7 @@ The page docs/outside-knowledge.md says which graphs there are, and shows the al
 *WordNet, ConceptNet, any triples*.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -92,24 +92,18 @@ class Network:
         """Return the ids of relations by name; names that the network lacks are ignored."""
         return [self.relations.index(name) for name in names if name in self.relations]
 
-    def links(self, names: Sequence[str] = ()) -> sparse.csr_array:
+    def links(self, names: Sequence[str]) -> sparse.csr_array:
         """Return weights of edges as a matrix from heads to tails, shape (N, N).
 
         Weights of several edges between two nodes add up.
 
         Args:
-            names: relations that count; all of them if it is empty. Names that the network lacks
-                are ignored; without a known one, the matrix holds zeros alone.
+            names: relations that count; names that the network lacks are ignored.
         """
-        edges = self.edges
-        weights = self.weights
-        if names:
-            is_wanted = np.isin(edges[:, 1], self.ids_of(names))
-            edges = edges[is_wanted]
-            weights = weights[is_wanted]
-        heads, _, tails = edges.T
+        is_wanted = np.isin(self.edges[:, 1], self.ids_of(names))
+        heads, _, tails = self.edges[is_wanted].T
         size = len(self.nodes)
-        return sparse.csr_array((weights, (heads, tails)), shape=(size, size))
+        return sparse.csr_array((self.weights[is_wanted], (heads, tails)), shape=(size, size))
 
 
 def plain(text: str) -> str:
@@ -184,7 +178,8 @@ def align(network: Network, entities: Sequence[str]) -> Alignment:
     Returns:
         The first sense of each entity, with less confidence where there are further ones.
     """
-    joined = _joined(network, entities)
+    # Spellings in several words by the label that joins them: "fire truck" by firetruck.
+    joined = {text.replace(" ", ""): text for text in network.spellings if " " in text}
     spelled = [_spelling(label, network, joined) for label in entities]
     nodes = np.full(len(entities), -1)
     confidences = np.zeros(len(entities))
@@ -199,26 +194,12 @@ def align(network: Network, entities: Sequence[str]) -> Alignment:
     return Alignment(nodes, methods, confidences)
 
 
-def _joined(network: Network, entities: Sequence[str]) -> dict[str, str]:
-    """Return spellings in several words by the label that joins them: "fire truck" by firetruck."""
-    joined_labels = {plain(label).replace(" ", "") for label in entities}
-    spaced = (text for text in network.spellings if " " in text)
-    joined = ((text.replace(" ", ""), text) for text in spaced)
-    return {short: text for short, text in joined if short in joined_labels}
-
-
 def _spelling(label: str, network: Network, joined: dict[str, str]) -> tuple[str, str]:
     """Return the method and the network's spelling for a label, or ``none`` and ""."""
     text = plain(label).rstrip("!?. ")
     short = text.replace(" ", "")
-    base_forms = list(network.singulars(text))
-    # The first form that the network has decides, so the surest methods come first.
-    forms: dict[str, Iterable[str]] = {
-        "exact": [text],
-        "lemma": [*base_forms, joined.get(short, ""), short],
-    }
-    for method, texts in forms.items():
-        for form in texts:
-            if form in network.spellings:
-                return method, form
+    # The first form that the network has decides, so the surest ones come first.
+    for form in (text, *network.singulars(text), joined.get(short, ""), short):
+        if form in network.spellings:
+            return ("exact" if form == text else "lemma"), form
     return "none", ""

@@ -7,6 +7,7 @@ ranker does with a feature.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,32 +22,31 @@ from wordcraft_kg.graphs import (
     OUTSIDE,
     Folds,
     OpenedGraph,
+    RecipeGraph,
+    SplitConfig,
     TrainSample,
     make_folds,
+    make_split,
 )
 from wordcraft_kg.models.knowledge.books import (
     OtherBook,
     OutsideSource,
     Words,
-    joined,
     open_other_book,
+    recipes_together,
     with_words_of,
 )
 from wordcraft_kg.models.knowledge.knowledge_folder import (
     KNOWLEDGE,
     TABLES,
+    KnowledgeTables,
     knowledge_files,
     read_knowledge,
 )
+from wordcraft_kg.models.scorers.features import EntityFeatures
 from wordcraft_kg.models.scorers.neighbours.links import CELLS, link_features
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
 from wordcraft_kg.models.scorers.score_limits import check_table
-
-_OF_A_BOOK = ("graph", "split", "overrides")
-"""Inputs of a knowledge folder that differ between books; other inputs, such as weights, are of the
-source."""
-_Tables = dict[tuple[tuple[str, ...], str, str], Tensor]
-"""Tables by source, name and role. A source is its name and the hashes of its own inputs."""
 
 
 class LinkTables(NamedTuple):
@@ -105,23 +105,27 @@ def open_outside(
             vectors.
         ArtefactError: if a folder is incomplete or damaged.
     """
-    folders = _Tables()
     tables: dict[str, list[Tensor]] = {"pair": [], "part": []}
+    folders: list[KnowledgeTables] = []
     sources: list[OutsideSource] = []
     books: list[OtherBook] = []
     for spec in specs:
-        if not is_book(spec):
-            sources.append(_of_folder(spec, opened, folders))
-            continue
-        book_alone = open_other_book(spec, opened)
-        link_tables, book = _of_book(book_alone, opened, features, allow_missing)
-        books.append(book)
-        tables["pair"] += link_tables.pairs
-        tables["part"] += link_tables.parts
-        sources.append(book.source)
-    # After all folders are read: tables of several folders may have become one.
-    for (_, _, role), table in folders.items():
-        tables[role].append(table)
+        if is_book(spec):
+            book, vectors = with_words_of(
+                open_other_book(spec, opened), opened, features, allow_missing=allow_missing
+            )
+            pairs, parts = _of_book(book, vectors, opened.graph.num_entities)
+            tables["pair"] += pairs
+            tables["part"] += parts
+            books.append(book)
+            sources.append(book.source)
+        else:
+            knowledge, source = _of_folder(spec, opened.graph.entities)
+            folders.append(knowledge)
+            sources.append(source)
+    for knowledge in folders:
+        for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True):
+            tables[info.role].append(table.float())
     return OutsideKnowledge(
         LinkTables(tables["pair"], tables["part"]), tuple(sources), tuple(books)
     )
@@ -132,40 +136,24 @@ def is_book(spec: str) -> bool:
     return not (Path(spec) / KNOWLEDGE).is_file()
 
 
-def _of_folder(spec: str, opened: OpenedGraph, tables: _Tables) -> OutsideSource:
-    """Add a folder's tables to those of other folders, and return its record.
-
-    Tables of one name and source complete each other, as those of several books.
-
-    Args:
-        spec: a knowledge folder.
-        opened: the graph with its split.
-        tables: tables of the folders before; changed in place.
+def _of_folder(spec: str, entities: Sequence[str]) -> tuple[KnowledgeTables, OutsideSource]:
+    """Return a folder's tables for a graph's entities, and its record.
 
     Raises:
         ConfigError: if the folder describes none of the entities.
         ArtefactError: if the folder is incomplete or damaged.
     """
-    entities = opened.graph.entities
-    knowledge = read_knowledge(spec)
+    knowledge = read_knowledge(spec).of_entities(entities)
     name = knowledge.record.source
-    coverage = knowledge.coverage(entities)
+    coverage = knowledge.coverage()
     if not coverage:
         raise ConfigError(
             f"`with` '{spec}': {name} describes none of the {len(entities):,} entities, such as "
             f"'{entities[0]}'. Make the folder for this graph."
         )
-    rearranged = knowledge.of_entities(entities)
-    run = knowledge_files(spec).run
-    own_inputs = [sha256 for key, sha256 in run.inputs.items() if key not in _OF_A_BOOK]
-    origin = (name, *sorted(own_inputs))
-    for info, table in zip(rearranged.record.tables, rearranged.tables, strict=True):
-        key = (origin, info.name, info.role)
-        new = table.float()
-        before = tables.get(key, new)
-        # 0 is a cell that the earlier folder says nothing about.
-        tables[key] = before.where(before != 0, new)
-    return OutsideSource(name=name, kind="tables", sha256=run.outputs[TABLES], coverage=coverage)
+    sha256 = knowledge_files(spec).run.outputs[TABLES]
+    source = OutsideSource(name=name, kind="tables", sha256=sha256, coverage=coverage)
+    return knowledge, source
 
 
 def describe_source(source: OutsideSource) -> str:
@@ -184,14 +172,15 @@ def describe_source(source: OutsideSource) -> str:
 
 
 def _of_book(
-    other: OtherBook,
-    opened: OpenedGraph,
-    features: str,
-    allow_missing: bool,
-) -> tuple[LinkTables, OtherBook]:
-    """Return another book's link features for the graph's entities, and the book."""
-    size = opened.graph.num_entities
-    book, vectors = with_words_of(other, opened, features, allow_missing=allow_missing)
+    book: OtherBook, vectors: EntityFeatures, size: int
+) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
+    """Return another book's features of combinesWith and componentOf links, tables (E, E) each.
+
+    Args:
+        book: the book.
+        vectors: word vectors of all its labels.
+        size: E, the graph's entities, which come first.
+    """
     # The book's lists are made with all entities; the tables are of the graph's entities alone.
     lists = Words.of(vectors).lists(book.recipes)
     pairs: list[Tensor] = []
@@ -203,8 +192,7 @@ def _of_book(
     # combinesWith is symmetric, and its features are so but for rounding.
     directed = torch.cat(pairs)
     symmetric = (directed + directed.transpose(0, 1)) / 2
-    tables = LinkTables(_by_feature(symmetric), _by_feature(torch.cat(parts)))
-    return tables, book
+    return _by_feature(symmetric), _by_feature(torch.cat(parts))
 
 
 def _by_feature(features: Tensor) -> tuple[Tensor, ...]:
@@ -215,23 +203,6 @@ def _by_feature(features: Tensor) -> tuple[Tensor, ...]:
 # --- other books alone ----------------------------------------------------------------------------
 
 
-class JointBook(NamedTuple):
-    """Other books' recipes over a joint vocabulary with a graph's entities.
-
-    Attributes:
-        opened: the joint graph; all recipes are train recipes. Without a book, the graph itself.
-        own: ids of the graph's entities in the joint graph, shape (E,).
-        folds: folds of the recipes; without recipes if no source is a book.
-        outside: knowledge from sources that are not books, for the joint graph, and the books'
-            counts.
-    """
-
-    opened: OpenedGraph
-    own: Tensor
-    folds: Folds
-    outside: OutsideKnowledge
-
-
 def join_books(
     specs: Sequence[str],
     opened: OpenedGraph,
@@ -240,7 +211,7 @@ def join_books(
     folds: int,
     allow_missing: bool = False,
     keep_train: bool = True,
-) -> JointBook:
+) -> tuple[OpenedGraph, Tensor, Folds, OutsideKnowledge]:
     """Join other books with a graph's entities, without the graph's own recipes.
 
     Args:
@@ -252,6 +223,12 @@ def join_books(
         allow_missing: use zeros for labels without a vector.
         keep_train: keep recipes of other books that are also train recipes of the graph; test
             recipes are always left out.
+
+    Returns:
+        the joint graph, whose recipes are all train recipes, or the graph itself without a book;
+        ids of the graph's entities in it, shape (E,); folds of its recipes, without recipes if no
+        source is a book; and knowledge from sources that are not books, for the joint graph, with
+        the books' counts.
 
     Raises:
         ConfigError: if there is no source, or a source does not fit the graph.
@@ -269,7 +246,11 @@ def join_books(
         books.append(other_book)
     no_books = [spec for spec in specs if not is_book(spec)]
     if books:
-        joint, ids = joined(books, opened)
+        labels = sorted(set(chain.from_iterable(book.labels for book in books)))
+        name = f"books for {opened.graph.name}"
+        graph = RecipeGraph(labels, recipes_together(books, labels), [], name=name)
+        joint = OpenedGraph(graph, make_split(graph, SplitConfig("none")), opened.source)
+        ids = graph.ids_of(opened.graph.entities)
         joint_folds = make_folds(joint.split, folds)
     else:
         # Tables alone: there is nothing to join, and no recipe to learn from.
@@ -281,6 +262,6 @@ def join_books(
     if no_books:
         check_table("outside knowledge of all books", joint.graph.num_entities)
     sources = open_outside(no_books, joint, features, allow_missing=allow_missing)
-    book_sources = [book.source for book in books]
-    outside = OutsideKnowledge(sources.tables, (*book_sources, *sources.sources))
-    return JointBook(joint, torch.from_numpy(ids), joint_folds, outside)
+    every_source = (*(book.source for book in books), *sources.sources)
+    outside = OutsideKnowledge(sources.tables, every_source)
+    return joint, torch.from_numpy(ids), joint_folds, outside

@@ -1,7 +1,7 @@
 """Read general graphs: ConceptNet assertions, tables of triples, and WordNet's database files.
 
-Assertions and triples are read line by line, plain or gzipped. Memory holds nodes and edges, about
-150 bytes for a new node and 30 for an edge, never the lines.
+Assertions and triples are read line by line, plain or gzipped. Memory holds nodes and edges, up to
+300 bytes for a new node and 150 for an edge, never the lines.
 
 Of WordNet, only nouns have spellings; verbs, adjectives and adverbs link nouns, as *bake* links
 *baker* and *bakery*.
@@ -12,9 +12,8 @@ Source: WordNet 3.0 manual, wndb(5).
 """
 
 import csv
-from array import array
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, NamedTuple, TypeVar
 
@@ -35,20 +34,22 @@ EXPECTED = (
     "and perhaps weight (positive numbers), with tabs or commas, in UTF-8. "
     "`wordcraft-kg export --format tsv` and DataFrame.to_csv of pandas write such a table"
 )
-_USELESS = {
-    b"/r/ExternalURL",
-    b"/r/FormOf",
-    b"/r/EtymologicallyDerivedFrom",
-    b"/r/EtymologicallyRelatedTo",
-}
-"""Relations about words or web pages, not about things; also all below /r/dbpedia/."""
-_SYMMETRIC = {b"Antonym", b"DistinctFrom", b"LocatedNear", b"RelatedTo", b"SimilarTo", b"Synonym"}
-"""Relations whose edges are stored in one direction, so that two assertions are not two edges."""
 _ENGLISH = b"/c/en/"
-
-
-_Edge = tuple[bytes, bytes, bytes, float]
+_USELESS = (b"/r/ExternalURL", b"/r/FormOf", b"/r/Etymologically", b"/r/dbpedia/")
+"""Beginnings of the names of relations about words or web pages, not about things."""
+_SYMMETRIC_ASSERTIONS = {
+    "Antonym",
+    "DistinctFrom",
+    "LocatedNear",
+    "RelatedTo",
+    "SimilarTo",
+    "Synonym",
+}
+"""Relations whose edges are stored in one direction, so that two assertions are not two edges."""
+_Edge = tuple[str, str, str, float]
 """Names of head, relation and tail, and a positive weight."""
+_NUMBERED = np.dtype([("ids", np.int64, 3), ("weight", np.float32)])
+"""Ids of head, relation and tail, and the weight of a line."""
 
 
 class _Assertion(msgspec.Struct):
@@ -69,30 +70,30 @@ def read_conceptnet(path: Path) -> Network:
 
 def _assertions(path: Path) -> Iterator[_Edge]:
     decode = msgspec.json.Decoder(_Assertion).decode
-    for number, line in _lines(path):
-        columns = line.split(b"\t")
-        if len(columns) != 5:
-            raise _fault(
-                path, number, f"{len(columns)} columns; expected uri, relation, start, end and JSON"
-            )
-        _, relation, start, end, about = columns
-        # Before the JSON is decoded: most of the 34 million lines are about other languages.
-        is_english = start.startswith(_ENGLISH) and end.startswith(_ENGLISH)
-        if not is_english or relation in _USELESS:
+    for number, line in read_lines(path, KnowledgeFileError):
+        if line.isspace():
             continue
         try:
+            _, relation, start, end, about = line.split(b"\t")
+            # Before the JSON is decoded: most of the 34 million lines are about other languages.
+            is_english = start.startswith(_ENGLISH) and end.startswith(_ENGLISH)
+            if not is_english or relation.startswith(_USELESS):
+                continue
             weight = decode(about).weight
-        except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
-            raise _fault(
-                path, number, f"the last column is not JSON with a weight ({error})"
-            ) from None
-        name = relation.removeprefix(b"/r/")
-        if weight > 0 and not name.startswith(b"dbpedia/"):
+            name = relation.decode().removeprefix("/r/")
             # /c/en/word/n/sense: the word alone.
-            head, _, _ = start.removeprefix(_ENGLISH).partition(b"/")
-            tail, _, _ = end.removeprefix(_ENGLISH).partition(b"/")
-            if name in _SYMMETRIC:
-                head, tail = sorted((head, tail))
+            head, tail = (uri.decode().split("/")[3] for uri in (start, end))
+        except (ValueError, RecursionError, msgspec.DecodeError):
+            raise _fault(
+                path,
+                number,
+                line,
+                "expected uri, relation, start, end, and JSON with a weight below "
+                f"{HEAVIEST:g}, with tabs between them, in UTF-8",
+            ) from None
+        if name in _SYMMETRIC_ASSERTIONS:
+            head, tail = sorted((head, tail))
+        if weight > 0:
             yield head, name, tail, weight
 
 
@@ -114,9 +115,11 @@ def read_triples(path: Path) -> Network:
 def _rows(path: Path) -> Iterator[_Edge]:
     header: list[str] = []
     has_tabs = False
-    for number, line in _lines(path):
+    for number, line in read_lines(path, KnowledgeFileError):
+        if line.isspace():
+            continue
         try:
-            text = line.decode().strip("\r\n")
+            text = line.decode()
             # The header decides: a label in a row may hold either character.
             has_tabs = has_tabs or (not header and "\t" in text)
             cells = text.split("\t") if has_tabs else next(csv.reader([text]))
@@ -135,76 +138,59 @@ def _rows(path: Path) -> Iterator[_Edge]:
             if not all(row) or not 0 < weight < HEAVIEST:
                 raise ValueError
         except (ValueError, csv.Error):
-            shown = line[:80].decode(errors="replace").strip()
-            raise _fault(path, number, f"'{shown}'; {EXPECTED}") from None
-        head, relation, tail = (by_name[name].encode() for name in HEADER)
-        yield head, relation, tail, weight
+            raise _fault(path, number, line, EXPECTED) from None
+        yield by_name["head"], by_name["relation"], by_name["tail"], weight
 
 
-def _network(path: Path, source: str, prefix: str, lines: Iterable[_Edge]) -> Network:
+def _fault(path: Path, number: int, line: bytes, expected: str) -> KnowledgeFileError:
+    shown = line[:80].decode(errors="replace").strip()
+    return KnowledgeFileError(
+        f"{path}, line {number:,}: '{shown}'; {expected}. Restore a copy of the file, or correct "
+        "the line."
+    )
+
+
+def _network(path: Path, source: str, prefix: str, lines: Iterator[_Edge]) -> Network:
     """Return edges as a network; w, the sum of an edge's weights, becomes log(1 + w).
 
     Args:
         path: the file, for errors.
         source: name of the network, for reports and errors.
-        prefix: beginning of the names of nodes and relations, such as ``wn``.
+        prefix: beginning of the names of nodes and relations, such as ``cn``.
         lines: an edge of each line; nodes and relations are numbered in this order.
 
     Raises:
-        KnowledgeFileError: if the file has no triple to use, or is not UTF-8.
+        KnowledgeFileError: if the file has no triple to use.
     """
-    numbers: dict[bytes, int] = {}
-    relation_numbers: dict[bytes, int] = {}
-    # C numbers of 32 bits, for the memory that the module promises.
-    ids = array("i")
-    sums = array("f")
-    for head, relation, tail, weight in lines:
-        # A new name gets the next number.
-        ids.append(numbers.setdefault(head, len(numbers)))
-        ids.append(relation_numbers.setdefault(relation, len(relation_numbers)))
-        ids.append(numbers.setdefault(tail, len(numbers)))
-        sums.append(weight)
-    if not ids:
-        raise KnowledgeFileError(f"{path} has no triple to use; expected {source}'s triples.")
-    try:
-        nodes = [name.decode() for name in numbers]
-        relations = [name.decode() for name in relation_numbers]
-    except UnicodeDecodeError as error:
-        raise KnowledgeFileError(
-            f"{path} is not UTF-8: {error.object[:80]!r}. Save it as UTF-8."
-        ) from None
-    # The names as bytes are no longer needed.
-    numbers.clear()
-    # Three numbers for each edge, one after another: head, relation and tail.
-    edges, weights = unique_edges(
-        np.frombuffer(ids, np.int32).reshape(-1, 3).astype(np.int64),
-        np.frombuffer(sums, np.float32).astype(np.float64),
-        (len(nodes), len(relations)),
-    )
-    spellings: dict[str, tuple[int, ...]] = {}
-    for node, name in enumerate(nodes):
-        # ConceptNet's names are folded already, which :func:`plain` would do again for millions.
-        is_folded = prefix == "cn"
-        text = name.replace("_", " ").replace("'", "") if is_folded else plain(name)
-        spellings[text] = (*spellings.get(text, ()), node)
-    return Network(source, prefix, nodes, relations, edges, np.log1p(weights), spellings)
-
-
-def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield lines that are not blank, numbered from 1, from a plain or gzipped file."""
     if not path.is_file():
         raise KnowledgeFileError(
             f"{path} is not a file; expected a file of triples or assertions, plain or gzipped."
         )
-    for number, line in read_lines(path, KnowledgeFileError):
-        if not line.isspace():
-            yield number, line
+    numbers: dict[str, int] = {}
+    relation_numbers: dict[str, int] = {}
 
+    def numbered() -> Iterator[tuple[tuple[int, int, int], float]]:
+        for head_name, relation_name, tail_name, weight in lines:
+            # A new name gets the next number.
+            head = numbers.setdefault(head_name, len(numbers))
+            relation = relation_numbers.setdefault(relation_name, len(relation_numbers))
+            tail = numbers.setdefault(tail_name, len(numbers))
+            yield (head, relation, tail), weight
 
-def _fault(path: Path, line: int, problem: str) -> KnowledgeFileError:
-    return KnowledgeFileError(
-        f"{path}, line {line:,}: {problem}. Restore a copy of the file, or correct the line."
-    )
+    rows = np.fromiter(numbered(), _NUMBERED)
+    if not len(rows):
+        raise KnowledgeFileError(f"{path} has no triple to use; expected {source}'s triples.")
+    sizes = (len(numbers), len(relation_numbers))
+    edges, weights = unique_edges(rows["ids"], rows["weight"].astype(np.float64), sizes)
+    nodes = [*numbers]
+    relations = [*relation_numbers]
+    # No longer needed: with millions of names, memory counts.
+    numbers.clear()
+    spellings: dict[str, tuple[int, ...]] = {}
+    for node, name in enumerate(nodes):
+        text = plain(name)
+        spellings[text] = (*spellings.get(text, ()), node)
+    return Network(source, prefix, nodes, relations, edges, np.log1p(weights), spellings)
 
 
 # --- WordNet --------------------------------------------------------------------------------------
@@ -232,13 +218,10 @@ _POINTERS = {
 The rest are inverses, which would be duplicates, or say nothing about things.
 """
 _RELATIONS = tuple(dict.fromkeys(_POINTERS.values()))
-_SYMMETRIC_POINTERS = {
-    _RELATIONS.index(name) for name in ("relatedForm", "antonym", "attribute", "similar")
-}
-NEEDED = ("data.noun", "index.noun")
-"""Files without which a folder is refused; the others add verbs and irregular plurals."""
-_Key = tuple[str, str]
-"""Part of speech and offset, which name a synset."""
+_SYMMETRIC = {_RELATIONS.index(name) for name in ("relatedForm", "antonym", "attribute", "similar")}
+"""Relations whose edges are stored in one direction, so that two pointers are not two edges."""
+NEEDED = (*(f"data.{part}" for part in _PARTS), "index.noun", "noun.exc")
+"""Files without which a folder is refused."""
 T = TypeVar("T")
 
 
@@ -249,13 +232,13 @@ class _Synset(NamedTuple):
         offset: the name of the synset among those of its part of speech.
         lemmas: its names.
         gloss: its definition without examples.
-        pointers: relation ids and targets.
+        pointers: relation ids, and names of the target nodes.
     """
 
     offset: str
     lemmas: list[str]
     gloss: str
-    pointers: list[tuple[int, _Key]]
+    pointers: list[tuple[int, str]]
 
 
 def read_wordnet(folder: Path) -> Network:
@@ -269,69 +252,63 @@ def read_wordnet(folder: Path) -> Network:
         if not (folder / name).is_file():
             raise KnowledgeFileError(
                 f"{folder / name} is not a file; expected a folder with WordNet's database files, "
-                f"{', '.join(NEEDED)} and others (Debian: package wordnet-base)."
+                f"{', '.join(NEEDED)} (Debian: package wordnet-base)."
             )
-    synsets: dict[_Key, _Synset] = {}
+    # By the name of the node, which ends with the letter of the part of speech.
+    synsets: dict[str, _Synset] = {}
     for part, letter in _PARTS.items():
         for synset in _parsed(folder / f"data.{part}", _synset, "a complete synset"):
-            synsets[letter, synset.offset] = synset
-    edges = _edges(folder, synsets)
-    # Several lemmas may have one plain spelling, such as x-ray and x_ray.
-    spellings = defaultdict[str, dict[int, None]](dict)
-    for lemma, senses in _senses(folder / "index.noun", synsets).items():
-        spellings[plain(lemma)] |= dict.fromkeys(senses)
-    plurals = _parsed(folder / "noun.exc", _exception, "a plural that has a base form")
+            synsets[f"{synset.offset}-{letter}"] = synset
+    numbers = {name: node for node, name in enumerate(synsets)}
+    edges = _edges(folder, synsets, numbers)
     return Network(
         source="WordNet",
         prefix="wn",
-        nodes=[f"{offset}-{letter}" for letter, offset in synsets],
+        nodes=[*synsets],
         relations=_RELATIONS,
         edges=edges,
         weights=np.ones(len(edges)),
-        spellings={text: list(senses) for text, senses in spellings.items()},
-        exceptions=dict(plurals),
+        spellings=_spellings(folder / "index.noun", synsets, numbers),
+        exceptions=dict(_parsed(folder / "noun.exc", _exception, "a plural that has a base form")),
         lemmas=[synset.lemmas for synset in synsets.values()],
         glosses=[synset.gloss for synset in synsets.values()],
     )
 
 
-def _edges(folder: Path, synsets: Mapping[_Key, _Synset]) -> Ids:
+def _edges(folder: Path, synsets: Mapping[str, _Synset], numbers: Mapping[str, int]) -> Ids:
     """Return the pointers as edges, each symmetric relation in one direction."""
-    letters = {letter for letter, _ in synsets}
-    nodes = {key: node for node, key in enumerate(synsets)}
     rows = []
     for node, synset in enumerate(synsets.values()):
         for relation, target in synset.pointers:
-            letter, offset = target
-            if target in nodes:
-                ends = (node, nodes[target])
-                head, tail = sorted(ends) if relation in _SYMMETRIC_POINTERS else ends
-                rows.append((head, relation, tail))
-            # Otherwise the folder lacks this part of speech.
-            elif letter in letters:
-                raise _damage(folder, f"synset {offset}-{letter} does not exist")
+            if target not in numbers:
+                raise _damage(folder, f"synset {target} does not exist")
+            ends = (node, numbers[target])
+            head, tail = sorted(ends) if relation in _SYMMETRIC else ends
+            rows.append((head, relation, tail))
     # Without pointers, the reshape makes three columns all the same.
     edges = np.array(rows, dtype=np.int64).reshape(-1, 3)
     # Weights do not matter: equal pointers are one edge of weight 1.
-    distinct, _ = unique_edges(edges, np.ones(len(edges)), (len(nodes), len(_RELATIONS)))
+    distinct, _ = unique_edges(edges, np.ones(len(edges)), (len(numbers), len(_RELATIONS)))
     return distinct
 
 
-def _senses(path: Path, synsets: Mapping[_Key, _Synset]) -> dict[str, list[int]]:
-    """Return the noun senses of each lemma (with underscores), most frequent first."""
-    node_of = {offset: node for node, (letter, offset) in enumerate(synsets) if letter == "n"}
-    senses = {}
+def _spellings(
+    path: Path, synsets: Mapping[str, _Synset], numbers: Mapping[str, int]
+) -> dict[str, list[int]]:
+    """Return the noun senses of each :func:`plain` lemma, most frequent first."""
+    # Several lemmas may have one plain spelling, such as x-ray and x_ray.
+    spellings = defaultdict[str, dict[int, None]](dict)
     for lemma, offsets in _parsed(path, _entry, "a complete entry"):
         for offset in offsets:
-            if offset not in node_of:
+            if f"{offset}-n" not in numbers:
                 raise _damage(path, f"synset {offset} of '{lemma}' does not exist in data.noun")
-        senses[lemma] = [node_of[offset] for offset in offsets]
+            spellings[plain(lemma)][numbers[f"{offset}-n"]] = None
     # An index that was cut between two lines would hide nouns without an error.
-    for (letter, offset), synset in synsets.items():
-        for lemma in synset.lemmas if letter == "n" else ():
-            if lemma.lower().replace(" ", "_") not in senses:
-                raise _damage(path, f"no entry for '{lemma}' of synset {offset}")
-    return senses
+    for name, synset in synsets.items():
+        for lemma in synset.lemmas if name.endswith("-n") else ():
+            if plain(lemma) not in spellings:
+                raise _damage(path, f"no entry for '{lemma}' of synset {synset.offset}")
+    return {text: list(senses) for text, senses in spellings.items()}
 
 
 # --- lines --------------------------------------------------------------------------------------
@@ -341,12 +318,10 @@ def _parsed(path: Path, parse: Callable[[str], T], expected: str) -> Iterator[T]
     """Yield the content of each line below the licence, which begins with blanks.
 
     Args:
-        path: a file of WordNet's folder; one that does not exist has no lines.
+        path: a file of WordNet's folder.
         parse: parses a line, or raises an IndexError or ValueError.
         expected: what a line is, for the error.
     """
-    if not path.is_file():
-        return
     with path.open(encoding="utf-8", errors="replace") as file:
         for number, line in enumerate(file, 1):
             if line.startswith("  "):
@@ -372,23 +347,21 @@ def _synset(line: str) -> _Synset:
     bar.
     """
     synset, bar, gloss = line.partition("|")
-    columns = synset.split()
-    offset, _, _, num_words, *_ = columns
+    offset, _, _, num_words, *columns = synset.split()
     # A word and its id, for each word; four columns for each pointer, behind their number.
-    end = 4 + 2 * int(num_words, 16)
-    words = columns[4:end:2]
-    first = end + 1
-    last = first + 4 * int(columns[end])
+    end = 2 * int(num_words, 16)
+    words = columns[:end:2]
+    num_pointers, *targets = columns[end:]
     # Cut lines lack columns or the end of the line.
-    if not bar or not line.endswith("\n") or not words or last > len(columns):
+    if not bar or not line.endswith("\n") or not words or len(targets) < 4 * int(num_pointers):
         raise ValueError
     pointers = []
-    for place in range(first, last, 4):
-        symbol, target, letter, _ = columns[place : place + 4]
+    for place in range(0, 4 * int(num_pointers), 4):
+        symbol, target, letter, _ = targets[place : place + 4]
         if symbol in _POINTERS:
             # Satellite adjectives, s, lie in the file of adjectives.
-            key = ("a" if letter == "s" else letter, target)
-            pointers.append((_RELATIONS.index(_POINTERS[symbol]), key))
+            name = f"{target}-{letter.replace('s', 'a')}"
+            pointers.append((_RELATIONS.index(_POINTERS[symbol]), name))
     # Some adjectives end with a mark for their position, such as (p).
     lemmas = [word.partition("(")[0].replace("_", " ") for word in words]
     # The definition without the examples, which begin with quotes.
@@ -402,17 +375,14 @@ def _entry(line: str) -> tuple[str, list[str]]:
     After the number of senses it has the number of pointer symbols, the symbols, numbers of senses
     and of tagged senses, and an offset for each sense.
     """
-    lemma, _, count, *fields = line.split()
-    num_senses = int(count)
-    # All fields but the symbols are counted by `num_senses` and these three numbers.
-    if not line.endswith("\n") or len(fields) != int(fields[0]) + 3 + num_senses:
+    lemma, _, num_senses, num_symbols, *fields = line.split()
+    offsets = fields[int(num_symbols) + 2 :]
+    if not line.endswith("\n") or len(offsets) != int(num_senses):
         raise ValueError
-    return lemma, fields[len(fields) - num_senses :]
+    return lemma, offsets
 
 
 def _exception(line: str) -> tuple[str, list[str]]:
     """Parse an irregular plural with its singulars."""
-    plural, *singulars = line.replace("_", " ").split()
-    if not singulars:
-        raise ValueError
-    return plural, singulars
+    plural, singular, *more = line.replace("_", " ").split()
+    return plural, [singular, *more]

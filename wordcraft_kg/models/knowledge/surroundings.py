@@ -11,7 +11,7 @@ The page docs/outside-knowledge.md has a row for each table, and says what tripl
 import operator
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -25,8 +25,8 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.knowledge.knowledge_folder import TableInfo
 from wordcraft_kg.models.knowledge.network import Alignment, Network, plain
 
-IS_A = ("isA", "IsA")
-"""Relations from a thing to its class, in the spellings of WordNet and ConceptNet."""
+IS_A = "isA"
+"""WordNet's relation from a thing to its class."""
 DESCRIBED_BY = "describedBy"
 """The relation that :func:`with_descriptions` adds."""
 PART_OF = ("partOf", "substanceOf", "memberOf", "PartOf")
@@ -104,7 +104,7 @@ def _classes(network: Network, nodes: Sequence[int]) -> Ids:
     """Return an edge from each of some nodes to each direct or indirect class, shape (C, 3)."""
     import networkx as nx
 
-    (relation,) = network.ids_of(IS_A)
+    relation = network.relations.index(IS_A)
     is_class = network.edges[:, 1] == relation
     classes = nx.DiGraph(network.edges[is_class][:, ::2].tolist())
     classes.add_nodes_from(nodes)
@@ -144,15 +144,25 @@ def with_descriptions(network: Network, alignment: Alignment, entities: Sequence
     """
     # The same words occur in most definitions.
     base_form = cache(network.base_form)
-    definitions = []
-    for gloss in network.glosses:
-        words = _WORD.findall(plain(gloss))
-        definitions.append([base_form(word) for word in words])
-    phrases = _phrases(network, alignment, entities)
-    # Sorted, because sets have no order that is the same in every process.
-    mentions = sorted(_mentions(definitions, phrases))
+    # The entities' nodes by their names in base forms, with blanks between words.
+    phrases = defaultdict[str, set[int]](set)
+    for label, entity_node in zip(entities, alignment.nodes.tolist(), strict=True):
+        if entity_node >= 0:
+            for name in (*network.lemmas[entity_node], label):
+                base_forms = map(base_form, plain(name).split())
+                phrases[" ".join(base_forms)].add(entity_node)
+    longest = max((phrase.count(" ") + 1 for phrase in phrases), default=0)
+    mentions: set[tuple[int, int]] = set()
+    for node, gloss in enumerate(network.glosses):
+        words = [base_form(word) for word in _WORD.findall(plain(gloss))]
+        for start, size in product(range(len(words)), range(1, longest + 1)):
+            for entity_node in phrases.get(" ".join(words[start : start + size]), ()):
+                # A definition that names its own node says nothing.
+                if entity_node != node:
+                    mentions.add((node, entity_node))
     # Without mentions, the reshape makes two columns all the same.
-    edges = np.array(mentions, dtype=np.int64).reshape(-1, 2)
+    # Sorted, because sets have no order that is the same in every process.
+    edges = np.array(sorted(mentions), dtype=np.int64).reshape(-1, 2)
     num_nodes = len(network.nodes)
     tail = edges[:, 1]
     log_counts = np.log1p(np.bincount(tail, minlength=num_nodes))
@@ -168,38 +178,6 @@ def with_descriptions(network: Network, alignment: Alignment, entities: Sequence
     )
 
 
-def _phrases(
-    network: Network,
-    alignment: Alignment,
-    entities: Sequence[str],
-) -> dict[str, set[int]]:
-    """Return the entities' nodes by their names in base forms, with blanks between words."""
-    phrases = defaultdict[str, set[int]](set)
-    for entity, node in enumerate(alignment.nodes.tolist()):
-        if node < 0:
-            continue
-        for name in (*network.lemmas[node], entities[entity]):
-            base_forms = map(network.base_form, plain(name).split())
-            phrases[" ".join(base_forms)].add(node)
-    return phrases
-
-
-def _mentions(
-    definitions: Sequence[Sequence[str]],
-    phrases: dict[str, set[int]],
-) -> Iterator[tuple[int, int]]:
-    """Yield pairs of a node and another one that its definition names."""
-    longest = max((phrase.count(" ") + 1 for phrase in phrases), default=0)
-    for head, words in enumerate(definitions):
-        tails: set[int] = set()
-        for start, size in product(range(len(words)), range(1, longest + 1)):
-            phrase = " ".join(words[start : start + size])
-            tails |= phrases.get(phrase, set())
-        # A definition that names its own node says nothing.
-        for tail in tails - {head}:
-            yield head, tail
-
-
 def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats]:
     """Return weights of walks with 1, 2 and 3 steps between entities, shape (E, E) each.
 
@@ -212,7 +190,7 @@ def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats
     """
     size = len(network.nodes)
     # Half the memory of 64 bits; walks are rounded to 16 bits later.
-    links = network.links().astype(np.float32)
+    links = network.links(network.relations).astype(np.float32)
     links = links + links.T
     links = _divided(links, links.sum(1))
     confidences = alignment.matrix(size).astype(np.float32)
@@ -255,18 +233,13 @@ def make_tables(network: Network, alignment: Alignment) -> list[Table]:
         parts = _parts(network, confidences)
         tables.append(_named("part", parts, "{ingredient} is part of {result}"))
     if not network.glosses:
-        forward = _damped(_forward_walks(network, confidences))
-        tables.append(_named("forward", forward, "{ingredient} leads to {result}"))
+        links = network.links(network.relations)
+        links = _divided(links, (links + links.T).sum(1))
+        first = confidences @ links
+        last = links @ confidences.T
+        walks = [(first @ confidences.T).toarray(), (first @ last).toarray()]
+        tables.append(_named("forward", _damped(walks), "{ingredient} leads to {result}"))
     return tables
-
-
-def _forward_walks(network: Network, confidences: sparse.csr_array) -> list[Floats]:
-    """Return weights of walks with 1 and 2 steps along the edges' directions, (E, E) each."""
-    links = network.links()
-    links = _divided(links, (links + links.T).sum(1))
-    first = confidences @ links
-    last = links @ confidences.T
-    return [(first @ confidences.T).toarray(), (first @ last).toarray()]
 
 
 def _divided(links: sparse.csr_array, degrees: Floats) -> sparse.csr_array:
@@ -297,7 +270,7 @@ def _parts(network: Network, confidences: sparse.csr_array) -> Floats:
 
     In WordNet, parts are inherited from classes, with half the weight for each step.
     """
-    upward = (network.links(IS_A) != 0).astype(float)
+    upward = (network.links([IS_A]) != 0).astype(float)
     reach = step = confidences
     for _ in range(_STEPS if network.glosses else 0):
         step = step @ upward / 2

@@ -30,7 +30,6 @@ from wordcraft_kg.base import ConfigError, nearest, refuse
 from wordcraft_kg.graphs import RELATIONS, Ids
 from wordcraft_kg.models.links.link_config import (
     ComplExConfig,
-    LinkModelConfig,
     LinkSettings,
 )
 from wordcraft_kg.models.links.pykeen_bridge import all_scores
@@ -58,7 +57,35 @@ def make_training_loop(
     """
     if isinstance(config, ComplExConfig):
         return _complex_loop(config, factory, num_entities)
-    return _pykeen_loop(config, factory)
+    # Any other model of PyKEEN, with its objective: softmax, or sampled negatives.
+    is_softmax = config.loop == "symmetric"
+    kind = model_class(config.model)
+    try:
+        model = kind(
+            triples_factory=factory,
+            embedding_dim=config.dim,
+            loss=loss_resolver.make("crossentropy" if is_softmax else "nssa"),
+            random_seed=config.seed,
+        ).to(config.device)
+    except (TypeError, ValueError, NotImplementedError, AttributeError, AssertionError) as error:
+        # Raised by models that need more than triples (literals, inverse triples).
+        raise ConfigError(
+            f"`model` {config.model!r}: PyKEEN cannot build this model for a recipe graph "
+            f"({error!r})."
+        ) from None
+    sampling: dict[str, Any] = {}
+    if not is_softmax:
+        sampling["negative_sampler_kwargs"] = {"num_negs_per_pos": config.negatives}
+    return training_loop_resolver.lookup("symmetriclcwa" if is_softmax else "slcwa")(
+        model=model,
+        triples_factory=factory,
+        # PyKEEN searches the largest batch for GPUs; on a CPU the search would only waste two
+        # batches.
+        automatic_memory_optimization=model.device.type == "cuda",
+        optimizer="Adam",
+        optimizer_kwargs={"lr": config.learning_rate},
+        **sampling,
+    )
 
 
 def check_table_fits(model: str, num_entities: int) -> None:
@@ -84,8 +111,8 @@ def scorer_tensors(
     """Return the kind and tensors of the scorer that a trained model becomes.
 
     ComplEx becomes its embeddings, popularity included; any other model becomes a table of all
-    triples' scores, beside the model's own parameters, where that fits the limit. In a larger book
-    only DistMult passes the check: it is ComplEx without imaginary parts.
+    triples' scores, where that fits the limit. In a larger book only DistMult passes the check: it
+    is ComplEx without imaginary parts.
 
     Args:
         config: settings of the model.
@@ -103,10 +130,7 @@ def scorer_tensors(
     if not has_table(model.num_entities):
         return ComplExScorer.kind, _embeddings(model, num_entities)
     entities = torch.arange(model.num_entities)
-    tensors = {"scores": all_scores(model, entities, range(len(RELATIONS)))}
-    for name, value in model.state_dict().items():
-        tensors[f"pykeen.{name}"] = value.cpu()
-    return TableScorer.kind, tensors
+    return TableScorer.kind, {"scores": all_scores(model, entities, range(len(RELATIONS)))}
 
 
 def _complex_loop(
@@ -152,9 +176,9 @@ def model_class(name: str) -> type[Model]:
     """Return the PyKEEN model class with a given name, in any case of letters.
 
     Raises:
-        ConfigError: for an unknown model (the error names all of them, and the nearest), a model
-            without embeddings, or ComplEx, which means the paper's model and has its own training
-            command.
+        ConfigError: for an unknown model or one without embeddings (the error names all with
+            embeddings, and the nearest), or ComplEx, which means the paper's model and has its own
+            training command.
     """
     if name.lower() == "complex":
         raise ConfigError(
@@ -163,49 +187,12 @@ def model_class(name: str) -> type[Model]:
             "PyKEEN's ComplEx with sampled negatives, use "
             'pipeline(dataset="wordcraft", model="ComplEx").'
         )
-    models = model_resolver.lookup_dict
-    if name.lower() not in models:
-        names = sorted(known for known, kind in models.items() if issubclass(kind, ERModel))
+    models = model_resolver.lookup_dict.items()
+    embedding_models = {known: kind for known, kind in models if issubclass(kind, ERModel)}
+    if name.lower() not in embedding_models:
+        names = sorted(embedding_models)
         raise refuse("model", name, f"one of {', '.join(names)}", nearest(name.lower(), names))
-    kind: type[Model] = models[name.lower()]
-    if not issubclass(kind, ERModel):
-        raise ConfigError(
-            f"`model` {name!r} learns no embeddings; expected a PyKEEN embedding model, as "
-            "'rotate'."
-        )
-    return kind
-
-
-def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLoop:
-    """Build any PyKEEN model but ComplEx, with its objective: softmax, or sampled negatives."""
-    is_softmax = config.loop == "symmetric"
-    kind = model_class(config.model)
-    try:
-        model = kind(
-            triples_factory=factory,
-            embedding_dim=config.dim,
-            loss=loss_resolver.make("crossentropy" if is_softmax else "nssa"),
-            random_seed=config.seed,
-        ).to(config.device)
-    except (TypeError, ValueError, NotImplementedError, AttributeError, AssertionError) as error:
-        # Raised by models that need more than triples (literals, inverse triples).
-        raise ConfigError(
-            f"`model` {config.model!r}: PyKEEN cannot build this model for a recipe graph "
-            f"({error!r})."
-        ) from None
-    sampling: dict[str, Any] = {}
-    if not is_softmax:
-        sampling["negative_sampler_kwargs"] = {"num_negs_per_pos": config.negatives}
-    return training_loop_resolver.lookup("symmetriclcwa" if is_softmax else "slcwa")(
-        model=model,
-        triples_factory=factory,
-        # PyKEEN searches the largest batch for GPUs; on a CPU the search would only waste two
-        # batches.
-        automatic_memory_optimization=model.device.type == "cuda",
-        optimizer="Adam",
-        optimizer_kwargs={"lr": config.learning_rate},
-        **sampling,
-    )
+    return embedding_models[name.lower()]
 
 
 # --- popularity -----------------------------------------------------------------------------------

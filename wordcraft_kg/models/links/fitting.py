@@ -14,7 +14,9 @@ The page docs/link-prediction.md describes trainings under *Train*, and
 docs/evidence/links.md#complex measures the choice.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from itertools import count, product
 from typing import Any
@@ -135,35 +137,16 @@ def restore(loop: TrainingLoop, checkpoint: Checkpoint[LinkProgress]) -> None:
     """Load a checkpoint into a new loop.
 
     Raises:
-        ValueError, KeyError, RuntimeError: if tensors or trace do not fit the model and its epochs.
+        ValueError, KeyError, RuntimeError: if tensors do not fit the model.
     """
-    trace = checkpoint.progress.trace
-    epochs = [row.epoch for row in trace]
-    if epochs != list(range(1, checkpoint.number + 1)):
-        raise ValueError("trace and epochs differ")
     loop.model.load_state_dict(with_prefix(checkpoint.tensors, "model."))
-    state = _optimizer_state(checkpoint.tensors, loop.optimizer.param_groups[0]["params"])
+    state = defaultdict[int, dict[str, Tensor]](dict)
+    for name, value in with_prefix(checkpoint.tensors, "optimizer.").items():
+        index, _, key = name.partition(".")
+        state[int(index)][key] = value
     # The new optimiser keeps its settings; the checkpoint holds only its tensors.
     loop.optimizer.load_state_dict({**loop.optimizer.state_dict(), "state": state})
     loop._epoch = checkpoint.number
-
-
-def _optimizer_state(
-    tensors: dict[str, Tensor], parameters: Sequence[Tensor]
-) -> dict[int, dict[str, Tensor]]:
-    """Return the optimiser's tensors by parameter and name.
-
-    Checked here: the optimiser would notice a missing or misshapen tensor only in the next epoch.
-    """
-    state: dict[int, dict[str, Tensor]] = {index: {} for index in range(len(parameters))}
-    for name, value in with_prefix(tensors, "optimizer.").items():
-        index, _, key = name.partition(".")
-        if value.shape not in ((), parameters[int(index)].shape):
-            raise ValueError(f"{name} of the optimiser has shape {tuple(value.shape)}")
-        state[int(index)][key] = value
-    if any(values.keys() != state[0].keys() for values in state.values()):
-        raise ValueError("a part of the optimiser's state is missing")
-    return state
 
 
 # --- choice of the regularisation -----------------------------------------------------------------
@@ -201,7 +184,7 @@ def choose(
     settings: LinkSettings,
     after_epoch: Callable[[int, int], None],
     *,
-    recipes: Ids | None = None,
+    recipes: Ids,
     outside: OutsideTriples | None = None,
 ) -> Choice | None:
     """Choose the N3 weight and the weight of training counts in the scores (popularity), if open.
@@ -213,7 +196,7 @@ def choose(
         opened: graph and split; only the train recipes are read.
         settings: settings of the training.
         after_epoch: called with the finished and the total epochs; may raise to end the choice.
-        recipes: training recipes, rows of ``graph.sets``; None for all train recipes.
+        recipes: training recipes, rows of ``graph.sets``.
         outside: triples from outside the book, in every training; None without.
 
     Returns:
@@ -227,13 +210,12 @@ def choose(
     # Other models have neither weight, and given weights are kept.
     if not isinstance(settings, ComplExConfig) or not settings.is_open:
         return None
-    recipes = split.sets("train") if recipes is None else recipes
     is_small = len(recipes) <= SMALL
     if not is_small and not settings.negatives:
         return None
     weights = N3 if is_small else (N3_PARTIAL,)
     num_folds = FOLDS if is_small else 1
-    folds = list(_folds(split, recipes, settings.seed, num_folds))
+    folds = list(folds_of_train(split, recipes, settings.seed, num_folds))
     queries = 2 * sum(len(_queries(fold)) for fold in folds)
     if queries < 2 * MIN_TRIPLES:
         return None
@@ -267,16 +249,30 @@ def choose(
     )
 
 
-def _folds(split: Split, recipes: Ids, seed: int, number: int) -> Iterator[Split]:
-    """Yield the splits of train recipes that leave something to rank, at most ``number``."""
+def folds_of_train(split: Split, recipes: Ids, seed: int, number: int) -> Iterator[Split]:
+    """Yield splits of train recipes into a train and a test part, with the same kind of split.
+
+    Settings chosen on these test parts have seen neither the validation nor the test recipes. With
+    the same kind of split, the choice meets the same difficulty as the test: whole goals are held
+    out for by-goal, single pairs for by-recipe. There is no validation part.
+
+    Args:
+        split: split whose train recipes are split again.
+        recipes: train recipes to split, rows of ``graph.sets``.
+        seed: seed of the first draw.
+        number: most splits; those that leave nothing to rank are left out.
+
+    Yields:
+        a split of a graph with these recipes and all entities, with the same entity ids.
+    """
+    graph = RecipeGraph(split.graph.entities, recipes, split.graph.base_ids, split.graph.name)
     for fold_seed in range(seed, seed + number):
-        try:
-            fold = split_of_train(split, HELD_OUT, fold_seed, recipes)
-        except SplitError:
-            # Happens in small books if most entities occur only once.
-            continue
-        if len(fold.held_out("test")):
-            yield fold
+        config = SplitConfig(split.config.kind, train_ratio=1 - HELD_OUT, seed=fold_seed)
+        # A part may be empty in small books if most entities occur only once.
+        with suppress(SplitError):
+            fold = make_split(graph, config)
+            if len(fold.held_out("test")):
+                yield fold
 
 
 def _queries(fold: Split) -> Ids:
@@ -311,27 +307,3 @@ def _reciprocal_ranks(
         ranks = rank_triples(scorer, queries, graph.triples)
         sums.append(float((1 / ranks["rank"]).sum()))
     return np.array(sums)
-
-
-def split_of_train(split: Split, held_out: float, seed: int, recipes: Ids | None = None) -> Split:
-    """Split the train recipes again into a train and a test part, with the same kind of split.
-
-    Settings chosen on this test part have seen neither the validation nor the test recipes. With
-    the same kind of split, the choice meets the same difficulty as the test: whole goals are held
-    out for by-goal, single pairs for by-recipe. There is no validation part.
-
-    Args:
-        split: split whose train recipes are split again.
-        held_out: share of their pairs, or goals, in the new test part.
-        seed: seed of the draw.
-        recipes: recipes to split, rows of ``graph.sets``; None for all train recipes.
-
-    Returns:
-        a split of a graph with these recipes and all entities, with the same entity ids.
-
-    Raises:
-        SplitError: if a part is empty, because there are too few train recipes.
-    """
-    recipes = split.sets("train") if recipes is None else recipes
-    graph = RecipeGraph(split.graph.entities, recipes, split.graph.base_ids, split.graph.name)
-    return make_split(graph, SplitConfig(split.config.kind, train_ratio=1 - held_out, seed=seed))

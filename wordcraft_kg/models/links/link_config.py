@@ -8,7 +8,7 @@ The page docs/link-prediction.md explains the choices under *Tuning*.
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar, Literal, Self, get_args
+from typing import ClassVar, Literal, Self
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import (
@@ -16,8 +16,8 @@ from wordcraft_kg.base.settings import (
     MAX_DIM,
     MAX_SIZE,
     MAX_THREADS,
+    check_choices,
     number_in,
-    one_of,
     positive,
     require,
     whole,
@@ -79,7 +79,7 @@ class TrainingConfig:
     threads: int = 1
 
     def __post_init__(self) -> None:
-        one_of("kg", self.kg, get_args(KG))
+        check_choices(self)
         check_train_sample(self.kg, self.train_fraction, self.label_noise)
         # Upper limits keep a mistyped number from filling the memory or the machine.
         limits = {
@@ -215,7 +215,6 @@ class LinkModelConfig(TrainingConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        one_of("loop", self.loop, ("slcwa", "symmetric"))
         for name, high in (("dim", MAX_DIM), ("negatives", MAX_SIZE)):
             whole(name, getattr(self, name), 1, high)
         positive("learning_rate", self.learning_rate)

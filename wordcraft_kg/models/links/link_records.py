@@ -3,7 +3,7 @@
 The page docs/architecture.md, *On disk*, lists the files of a model folder.
 """
 
-from wordcraft_kg.base import Count, Hash, Record, Share, counted
+from wordcraft_kg.base import Count, Hash, Record, Share
 from wordcraft_kg.graphs.graph_folder import KG
 from wordcraft_kg.models.links.link_config import ComplExConfig, LinksConfig, LinkSettings
 from wordcraft_kg.models.model import History, cross_fitted_words
@@ -74,11 +74,9 @@ class OutsideSummary(Record, frozen=True, kw_only=True):
 
     def __str__(self) -> str:
         """Return the numbers in a line."""
-        relations = counted(self.relations, "relation")
-        nodes = counted(self.nodes, "node")
         return (
-            f"{self.triples:,} outside triples, {relations}, {nodes} besides {self.coverage:.0%} "
-            "of the entities"
+            f"outside triples: {self.triples:,}, relations: {self.relations:,}, nodes besides "
+            f"{self.coverage:.0%} of the entities: {self.nodes:,}"
         )
 
 
@@ -147,11 +145,6 @@ def training_facts(settings: LinkSettings, metrics: LinkMetrics) -> dict[str, st
         "on training triples": f"MRR {metrics.train_mrr:.3f}",
     }
     # Only facts that the training has: a report shows no empty rows.
-    if isinstance(settings, ComplExConfig) and settings.negatives:
-        facts["objective"] = (
-            f"softmax over {settings.negatives:,} entities sampled for each batch, in place of all "
-            "entities"
-        )
     if metrics.outside and isinstance(settings, ComplExConfig):
         facts["outside knowledge"] = f"{metrics.outside}, weight {settings.outside_weight:g}"
     if metrics.folds:

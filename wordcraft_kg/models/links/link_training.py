@@ -137,11 +137,7 @@ class _Job:
         factory = triples_factory(self.graph, self.triples, self.outside)
         model = fit(self.settings, factory, after_epoch, size)
         _, tensors = scorer_tensors(self.settings, model, self.triples, size)
-        # A table needs no model parameters.
-        stored = {
-            name: tensor for name, tensor in tensors.items() if not name.startswith("pykeen.")
-        }
-        fold_models(self.folder).save(self.fold, copied(stored), self.done)
+        fold_models(self.folder).save(self.fold, copied(tensors), self.done)
 
     @property
     def done(self) -> FoldDone:
@@ -188,7 +184,7 @@ def train_links(
         out: the model folder. Default: ``models/<graph name>-<kg>``, or ``-<model>-<kg>`` except
             for ComplEx.
         force: replace the folder if it exists.
-        trackers: further places for each epoch's metrics: tensorboard, wandb, or a
+        trackers: further places for each epoch's metrics: tensorboard, or a
             :class:`~wordcraft_kg.runs.trackers.Tracker` of your own.
         progress: called after each epoch; True shows a bar, None or False nothing.
 
@@ -444,11 +440,8 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             if report:
                 num_epochs = sum(epochs.values())
                 total = settings.epochs * (1 + folds.count)
-                figures: dict[str, float] = {
-                    "fold": min(1 + num_epochs // settings.epochs, folds.count),
-                    "folds": folds.count,
-                }
-                report(settings.epochs + num_epochs, total, figures)
+                number = min(1 + num_epochs // settings.epochs, folds.count)
+                report(settings.epochs + num_epochs, total, {"fold": number, "folds": folds.count})
 
         # On a GPU, several processes would share one device.
         is_long = seconds >= LONG and torch.device(settings.device).type == "cpu"

@@ -22,6 +22,7 @@ import numpy as np
 import torch
 from pykeen.models import Model
 from pykeen.triples import TriplesFactory
+from pykeen.utils import set_random_seed
 
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.tensors import torch_threads
@@ -109,14 +110,14 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
                 f"{len(entities):,} entities, such as '{entities[0]}'. Make the folder for this "
                 "graph."
             )
+    # Equal triples of several folders are one.
     triples = frozen(np.unique(np.array(rows, dtype=np.int64), axis=0))
-    # Triples of several folders may be equal, so ends are counted after merging.
-    endpoints = np.unique(triples[:, [0, 2]])
+    ends = np.unique(triples[:, [0, 2]])
     summary = OutsideSummary(
         triples=len(triples),
         nodes=len(places) - len(entities),
         relations=len(relations) - len(RELATIONS),
-        coverage=int((endpoints < len(entities)).sum()) / len(entities),
+        coverage=int((ends < len(entities)).sum()) / len(entities),
     )
     nodes = tuple(places)[len(entities) :]
     return OutsideTriples(nodes, tuple(relations)[len(RELATIONS) :], triples, summary)
@@ -184,9 +185,7 @@ def seed_everything(seed: int, epoch: int = 0) -> None:
     # A hash of both numbers: seed + epoch would give seed 1 the random numbers of seed 0, an epoch
     # later.
     value = int(np.random.SeedSequence([seed, epoch]).generate_state(1)[0])
-    random.seed(value)
-    np.random.seed(value)  # noqa: NPY002 - PyKEEN's negative samplers use this generator
-    torch.manual_seed(value)
+    set_random_seed(value)
 
 
 @contextmanager
@@ -199,16 +198,14 @@ def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
     """
     python_state = random.getstate()
     numpy_state = np.random.get_state()  # noqa: NPY002
-    frozen_before = gc.get_freeze_count()
     loggers = [logging.getLogger(name) for name in ("pykeen", "torch_max_mem")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
         logger.setLevel(logging.ERROR)
     gc.freeze()
     try:
-        devices = range(torch.cuda.device_count())
         with (
-            torch.random.fork_rng(devices),
+            torch.random.fork_rng(range(torch.cuda.device_count())),
             torch_threads(threads),
             torch.sparse.check_sparse_tensor_invariants(enable=False),
         ):
@@ -219,9 +216,7 @@ def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
         np.random.set_state(numpy_state)  # noqa: NPY002
         for logger, level in zip(loggers, levels, strict=True):
             logger.setLevel(level)
-        # Unfreezing is all or nothing: objects that the user's program has frozen stay frozen.
-        if not frozen_before:
-            gc.unfreeze()
+        gc.unfreeze()
 
 
 def from_pykeen(model: Model, factory: TriplesFactory, opened: OpenedGraph) -> TableScorer:

@@ -15,7 +15,7 @@ from torch.func import functional_call
 from torch.nn.functional import linear
 from torch.nn.modules.dropout import _DropoutNd
 
-from wordcraft_kg.base import ConfigError, check_memory
+from wordcraft_kg.base import ConfigError
 from wordcraft_kg.base.tensors import with_prefix
 from wordcraft_kg.models.policies.policy import (
     EntityVectors,
@@ -91,7 +91,11 @@ class AttentionPolicy(Policy):
         elif self.sources:
             self.mixture = _head(vectors.dim, config.value_size, len(self.labels))
             if config.lambda_form == "free":
-                self._set_first_lambdas()
+                # λ begin at or near the first mixing weights.
+                self.mixture.get_parameter("2.bias").data.copy_(self.first_lambdas())
+                if self.looks_ahead:
+                    # Exactly the planner; otherwise the drawn weights add small differences.
+                    nn.init.zeros_(self.mixture.get_parameter("2.weight"))
         if config.sees_attempts:
             # Zeros, so that a policy starts like one that does not see attempts.
             self.phases = Phases(vectors.dim, len(self.labels))
@@ -99,20 +103,12 @@ class AttentionPolicy(Policy):
         if most_picks:
             self.combine = Combine(vectors.dim, most_picks)
 
-    @torch.no_grad()
-    def _set_first_lambdas(self) -> None:
-        """Let the network for λ begin at or near the first mixing weights."""
-        self.mixture.get_parameter("2.bias").copy_(self.first_lambdas())
-        if self.looks_ahead:
-            # Exactly the planner; otherwise the drawn weights add small differences.
-            nn.init.zeros_(self.mixture.get_parameter("2.weight"))
-
     def weights(  # noqa: D102 - inherited
         self, generator: torch.Generator | None = None
     ) -> Weights:
         weights = super().weights() | self.attention.weights()
         if self.sources and self.config.lambda_form == "residual":
-            weights |= self.residual_weights(self.lambdas)
+            weights["lambdas"] = self.lambdas()
         return weights
 
     def output(  # noqa: D102 - inherited
@@ -402,27 +398,12 @@ class MLPPolicy(Policy):
                 "table size."
             )
         ids = torch.cat([states.goal[:, None], states.selection[:, None], table], dim=1)
+        inputs = look_up(weights["vectors"], ids).flatten(1)
         # Logits and value share the hidden layer.
-        inner = torch.relu(self._hidden(ids, weights))
+        inner = torch.relu(linear(inputs, weights["hidden.weight"], weights["hidden.bias"]))
         logits = linear(inner, weights["logits.weight"], weights["logits.bias"])
         value = linear(inner, weights["value.weight"], weights["value.bias"])
-        is_empty = table == self.num_entities
-        return PolicyOutput(logits.masked_fill(is_empty, -torch.inf), value[:, 0])
-
-    def _hidden(self, ids: Tensor, weights: Weights) -> Tensor:
-        """Return the hidden layer before the rectifier, shape (B, H), for ids (B, 2 + A)."""
-        hidden = weights["hidden.weight"]
-        bias = weights["hidden.bias"]
-        vectors = weights.get("vectors")
-        if vectors is not None:
-            return linear(look_up(vectors, ids).flatten(1), hidden, bias)
-        # One-hot vectors: each input adds a row of its own block of the weights. A row of zeros
-        # below each block stands for an empty slot, so blocks are E + 1 rows apart.
-        inputs = ids.shape[1]
-        blocks = hidden.T.view(inputs, self.num_entities, -1)
-        rows = nn.functional.pad(blocks, (0, 0, 0, 1)).flatten(0, 1)
-        offsets = torch.arange(inputs, device=ids.device) * (self.num_entities + 1)
-        return bias + look_up(rows, ids + offsets).sum(1)
+        return self.mixed(logits, value[:, 0], table != self.num_entities, None, None)
 
 
 class NetworkPolicy(Policy):
@@ -462,10 +443,6 @@ class NetworkPolicy(Policy):
                     f"`policy` {config.policy} has a {type(module).__name__}, which acts otherwise "
                     "in training; expected a network that does not, such as one with LayerNorm."
                 )
-        if self.vectors.is_one_hot:
-            size = self.num_entities
-            what = "one-hot vectors of a network, which other `features` avoid,"
-            check_memory("entities", size, what, 4 * size * (size + 1))
         self.network = network.eval()
         if self.sources:
             self.lambdas = self.source_weights()
@@ -474,13 +451,8 @@ class NetworkPolicy(Policy):
         self, generator: torch.Generator | None = None
     ) -> Weights:
         weights = super().weights()
-        if self.vectors.is_one_hot:
-            # Written out here, for a network that knows no short cut.
-            size = self.num_entities
-            device = next(self.network.parameters()).device
-            weights["vectors"] = torch.eye(size + 1, size, device=device)
         if self.sources:
-            weights |= self.residual_weights(self.lambdas)
+            weights["lambdas"] = self.lambdas()
         return weights
 
     def output(  # noqa: D102 - inherited

@@ -115,8 +115,8 @@ class PairPolicy(Policy):
         # One-hot vectors are never written out.
         vectors = None
         if not self.vectors.is_one_hot:
-            units = nn.functional.normalize(self.vectors.vectors, dim=1)
-            weights["units"] = nn.functional.pad(units, (0, 0, 0, 1))
+            weights["units"] = nn.functional.normalize(self.vectors.vectors, dim=1)
+            units = weights["units"][:-1]
             vectors = LENGTH * units
             if generator is not None and self.config.vector_noise:
                 noise = torch.empty_like(units).normal_(generator=generator)
@@ -130,7 +130,7 @@ class PairPolicy(Policy):
             "value.bias": self.value.bias,
         }
         if self.sources:
-            weights |= self.residual_weights(self.lambdas)
+            weights["lambdas"] = self.lambdas()
         if self.config.sees_attempts:
             weights |= {f"phases.{name}": part for name, part in self.phases.named_parameters()}
         return weights
@@ -220,7 +220,7 @@ class PairPolicy(Policy):
         return is_listed[:, first, second]
 
     def _scores(self, source: Source, states: States) -> Tensor:
-        states = self._complete(states)
+        states = states.with_selections_on_table(self.num_entities)
         table = states.table
         first, second = _pairs(table.shape[1], table.device)
         is_empty = table == self.num_entities
@@ -236,7 +236,7 @@ class PairPolicy(Policy):
         external_scores: Tensor | None,
     ) -> PolicyOutput:
         slots = states.table.shape[1]
-        states = self._complete(states)
+        states = states.with_selections_on_table(self.num_entities)
         pairs = self.choose(states, weights, external_scores)
         # The logit of each order of a pair, shape (B, A, A): its probability is half the pair's.
         table = states.table
@@ -271,7 +271,7 @@ class PairPolicy(Policy):
         if external_scores is None:
             external_scores = self.external_scores(states)
         slots = states.table.shape[1]
-        states = self._complete(states)
+        states = states.with_selections_on_table(self.num_entities)
         output = self.choose(states, weights or self.weights(), external_scores)
         logits = checked_logits(output.logits)
         # Those of the best pair; the slot with the largest marginal may be in no good pair.
@@ -291,16 +291,6 @@ class PairPolicy(Policy):
         selected = second[torch.arange(len(row), device=row.device), row]
         is_first = states.selection == self.num_entities
         return first.where(is_first.view(-1, *[1] * (first.ndim - 1)), selected)
-
-    def _complete(self, states: States) -> States:
-        """Return states in which each selection is on the table, if need be in a further slot."""
-        selection = states.selection[:, None]
-        is_there = (states.table == selection).any(1, keepdim=True)
-        is_missing = ~is_there & (selection != self.num_entities)
-        if not is_missing.any():
-            return states
-        second_ids = selection.where(is_missing, self.num_entities)
-        return states._replace(table=torch.cat([states.table, second_ids], dim=1))
 
 
 def _projected(layer: nn.Linear, vectors: Tensor | None) -> Tensor:
@@ -365,10 +355,9 @@ def _membership(slots: int, device: torch.device) -> Tensor:
 @lru_cache
 def _square(slots: int, device: torch.device) -> Tensor:
     """Return the number of each slot pair, in both orders, shape (A, A)."""
-    later, earlier = _pairs(slots, device)
     with torch.inference_mode(False):
-        numbers = torch.zeros(slots, slots, dtype=torch.int64, device=device)
-        every = torch.arange(len(later), device=device)
-        numbers[later, earlier] = every
-        numbers[earlier, later] = every
-        return numbers
+        every = torch.arange(slots, device=device)
+        later = torch.maximum(every[:, None], every)
+        earlier = torch.minimum(every[:, None], every)
+        # In the order of :func:`_pairs`.
+        return later * (later + 1) // 2 + earlier

@@ -64,7 +64,7 @@ class Action(NamedTuple):
 
 
 class EntityVectors(nn.Module):
-    """Entity vectors x: constant, learned or one-hot; the id E (empty slot) has zeros.
+    """Entity vectors x, which training does not change; the id E (empty slot) has zeros.
 
     One-hot vectors are never written out, because a product with a one-hot vector is a row of the
     other factor.
@@ -73,64 +73,26 @@ class EntityVectors(nn.Module):
         num_entities: E.
         dim: length of a vector, F; E for one-hot vectors.
         is_one_hot: whether the vectors are the rows of an identity matrix.
-        vectors: parameter (learned) or buffer, shape (E, F); empty for one-hot vectors.
+        vectors: buffer, shape (E + 1, F), the last row zeros; empty for one-hot vectors.
     """
 
     vectors: Tensor
 
-    def __init__(
-        self,
-        num_entities: int,
-        vectors: Tensor | None = None,
-        *,
-        learned_dim: int = 0,
-    ):
-        """Take constant vectors, or draw learned vectors, or make one-hot vectors.
-
-        Args:
-            num_entities: E.
-            vectors: constant vectors, shape (E, F), copied; None for another kind.
-            learned_dim: F of learned vectors, drawn from a standard normal distribution by torch's
-                global generator; 0, without ``vectors``, for one-hot vectors.
-        """
+    def __init__(self, num_entities: int, vectors: Tensor | None = None):
+        """Take vectors, shape (E, F), which are copied; None for one-hot vectors."""
         super().__init__()
         self.num_entities = num_entities
-        self.is_one_hot = vectors is None and not learned_dim
-        if vectors is not None:
-            self.register_buffer("vectors", vectors.detach().to(torch.float32).clone())
-        elif learned_dim:
-            self.vectors = nn.Parameter(torch.randn(num_entities, learned_dim))
+        self.is_one_hot = vectors is None
+        if vectors is None:
+            vectors = torch.empty(0, num_entities)
         else:
-            self.register_buffer("vectors", torch.empty(0, 0))
-        self.dim = num_entities if self.is_one_hot else self.vectors.shape[1]
-        # Constant vectors with their row of zeros, and the vectors that they belong to.
-        self._padded: tuple[Tensor, Tensor] | None = None
-        self.register_load_state_dict_post_hook(_forget)
+            vectors = nn.functional.pad(vectors.detach().to(torch.float32), (0, 0, 0, 1))
+        self.dim = vectors.shape[1]
+        self.register_buffer("vectors", vectors)
 
     def weights(self) -> Weights:
         """Return all vectors as ``vectors``, shape (E + 1, F); nothing for one-hot vectors."""
-        if self.is_one_hot:
-            return {}
-        if isinstance(self.vectors, nn.Parameter):
-            return {"vectors": _with_zeros(self.vectors)}
-        # Constant: a large book's vectors are 50 MB, and a copy for each update takes its time.
-        # Another device has other tensors.
-        if self._padded is None or self._padded[0] is not self.vectors:
-            # Acting may come first, in inference mode, whose tensors the learner cannot use.
-            with torch.inference_mode(False):
-                self._padded = (self.vectors, _with_zeros(self.vectors))
-        return {"vectors": self._padded[1]}
-
-
-def _with_zeros(vectors: Tensor) -> Tensor:
-    """Append a row of zeros, so that the id of an empty slot is a valid index."""
-    return nn.functional.pad(vectors, (0, 0, 0, 1))
-
-
-def _forget(vectors: nn.Module, _: object) -> None:
-    """Drop a copy of vectors into which others were loaded."""
-    assert isinstance(vectors, EntityVectors)
-    vectors._padded = None
+        return {} if self.is_one_hot else {"vectors": self.vectors}
 
 
 def look_up(vectors: Tensor, ids: Tensor) -> Tensor:
@@ -151,16 +113,17 @@ class SourceWeights(nn.Module):
 
     first: Tensor
 
-    def __init__(self, first: Tensor):
-        """Begin with the weights ``first``, shape (S,)."""
+    def __init__(self, first: Tensor, num_fixed: int = 0):
+        """Begin with the weights ``first``, of which the first ``num_fixed`` are not learned."""
         super().__init__()
         # Follows from the settings, so that it is made again and not saved.
         self.register_buffer("first", first, persistent=False)
-        self.step = nn.Parameter(torch.zeros_like(first))
+        self.step = nn.Parameter(torch.zeros_like(first[num_fixed:]))
 
     def forward(self) -> Tensor:
-        """Return λ, shape (S,)."""
-        return self.first + SPEED * self.step
+        """Return λ, shape (num_fixed + S,)."""
+        num_fixed = len(self.first) - len(self.step)
+        return self.first + SPEED * nn.functional.pad(self.step, (num_fixed, 0))
 
 
 def mix_logits(
@@ -269,15 +232,14 @@ class Policy(nn.Module):
         return torch.tensor(lambdas, device="cpu")
 
     def source_weights(self) -> SourceWeights:
-        """Return the λ of sources as learned numbers, for a policy with the mixing "residual"."""
-        return SourceWeights(self.first_lambdas()[-len(self.sources) :])
+        """Return all λ as numbers, for a policy with the mixing "residual": those of sources learn.
 
-    def residual_weights(self, lambdas: SourceWeights) -> Weights:
-        """Return ``lambdas``, shape (S,): 1 for the network's own scores if in use, then those."""
-        learned = lambdas()
-        # The network comes first among the labels.
-        ones = learned.new_ones(len(self.labels) - len(learned))
-        return {"lambdas": torch.cat([ones, learned])}
+        The network, first among the labels if in use, has 1.
+        """
+        num_fixed = len(self.labels) - len(self.sources)
+        first = self.first_lambdas()
+        first[:num_fixed] = 1
+        return SourceWeights(first, num_fixed)
 
     def mixed(
         self,
@@ -336,7 +298,7 @@ class Policy(nn.Module):
         as_they_are = {
             name: parameter
             for name, parameter in self.named_parameters()
-            if not name.startswith(("vectors.", "attention."))
+            if not name.startswith("attention.")
         }
         return self.vectors.weights() | as_they_are
 

@@ -36,8 +36,6 @@ POLICIES: Registry[Callable[[int], Any]] = Registry(
 """Own networks by name: what makes one for entity vectors of a length, see ``network``."""
 Mixing = Literal["softmax", "free", "residual"]
 _ValueReadout = Literal["softmax", "logits"]
-_MOST_DROPPED = 0.99
-_MOST_NOISE = 100.0
 
 
 @dataclass(frozen=True)
@@ -49,8 +47,8 @@ class PolicyConfig:
             over the table, as in the paper), mlp (a hidden layer on the ordered table, the
             paper's baseline; for a fixed table size), or a plugin's. Default: pairs; attention in
             the paper's preset, with ``kg_only`` or another mixing, and for ``make_policy``.
-        features: entity vectors: glove, minilm, auto, one-hot, random, learned, shuffled:<any but
-            learned>, a vector file, or a folder from encode.
+        features: entity vectors: glove, minilm, auto, one-hot (for pairs and attention), random,
+            shuffled:<any>, a vector file, or a folder from encode.
         pooling: combines word vectors for labels with several words: mean or max.
         allow_missing: use zeros for entities without a vector, without a limit on the number.
         key_size: query and key dimensions; 300 in the paper.
@@ -58,10 +56,9 @@ class PolicyConfig:
         hidden_size: hidden units in the mlp; 300 in the paper.
         pair_size: hidden units for a pair.
         dropout: share of a pair's hidden units that training drops, the same in all pairs of a
-            table; below 1.
+            table; 0.99 at most.
         vector_noise: length of the noise that training adds to entity vectors of length 1, for
             pairs; not to one-hot vectors.
-        embedding_size: dimensions for learned features; by default as many as GloVe has.
         use: knowledge sources to mix in, comma-separated, by name or by letter: combines or u
             (combinesWith score with the selection), component or v (componentOf score with the
             goal), recipe or w (recipe score with the selection, or without a selection with the
@@ -109,7 +106,6 @@ class PolicyConfig:
     pair_size: int = 128
     dropout: float = 0.3
     vector_noise: float = 0.5
-    embedding_size: int = 50
     use: str = "combines,component"
     plan_width: int = 0
     weigh_plans: bool | None = None
@@ -125,10 +121,10 @@ class PolicyConfig:
         check_choices(self)
         if self.policy is not None:
             POLICIES.check("policy", self.policy)
-        for name in ("key_size", "value_size", "hidden_size", "pair_size", "embedding_size"):
+        for name in ("key_size", "value_size", "hidden_size", "pair_size"):
             whole(name, getattr(self, name), 1, MAX_DIM)
-        number_in("vector_noise", self.vector_noise, 0, _MOST_NOISE, f"0 to {_MOST_NOISE:g}")
-        number_in("dropout", self.dropout, 0, _MOST_DROPPED, "0 or more, below 1")
+        number_in("vector_noise", self.vector_noise, 0, 100, "0 to 100")
+        number_in("dropout", self.dropout, 0, 0.99, "0 to 0.99")
         whole("plan_width", self.plan_width, 0, MAX_DIM)
         if self.sees_attempts and self.policy not in (None, "pairs", "attention"):
             raise ConfigError("`sees_attempts` needs `policy` pairs or attention.")

@@ -30,7 +30,6 @@ from wordcraft_kg.base import (
     with_a_name,
     write_atomically,
 )
-from wordcraft_kg.base.settings import LEARNED
 from wordcraft_kg.base.tensors import MAX_WEIGHT, copied, largest, read_tensors, with_prefix
 from wordcraft_kg.graphs import Ids, RecipeGraph, TaskSet
 from wordcraft_kg.models.policies.networks import AttentionPolicy, MLPPolicy, NetworkPolicy
@@ -80,7 +79,7 @@ def make_policy(
     observed: Ids | None = None,
     tasks: TaskSet | None = None,
     seed: int = 0,
-) -> tuple[Policy, EntityFeatures | None]:
+) -> tuple[Policy, EntityFeatures]:
     """Return an untrained policy for a graph, and its entity features.
 
     Args:
@@ -97,7 +96,7 @@ def make_policy(
         seed: random seed for parameters and random features; global generators stay unchanged.
 
     Returns:
-        The policy, and its features; None for learned vectors.
+        The policy, and its features.
 
     Raises:
         ConfigError: if settings conflict or do not fit the graph.
@@ -106,15 +105,13 @@ def make_policy(
         ArtefactError: if a folder of vectors in the features is damaged.
     """
     config = config.closed()
-    features = None
-    if config.features != LEARNED:
-        features = make_features(
-            config.features,
-            graph.entities,
-            pooling=config.pooling,
-            allow_missing=config.allow_missing,
-            seed=seed,
-        )
+    features = make_features(
+        config.features,
+        graph.entities,
+        pooling=config.pooling,
+        allow_missing=config.allow_missing,
+        seed=seed,
+    )
     sources: list[Source] = []
     if scorer is None and need_no_scorer(config.sources):
         # These sources read the labels alone.
@@ -131,11 +128,8 @@ def make_policy(
     # torch draws parameters from its global generator, which is set here and restored.
     with torch.random.fork_rng(devices=[]):
         torch.default_generator.manual_seed(seed)  # torch.manual_seed would seed all devices too
-        vectors = (
-            None if features is None or features.is_one_hot else torch.tensor(features.vectors)
-        )
-        learned_dim = config.embedding_size if config.features == LEARNED else 0
-        entities = EntityVectors(graph.num_entities, vectors, learned_dim=learned_dim)
+        vectors = None if features.is_one_hot else torch.tensor(features.vectors)
+        entities = EntityVectors(graph.num_entities, vectors)
         most_picks = 0 if graph.has_pairs_only else graph.most_ingredients
         policy = _policy(config, entities, num_slots, sources, most_picks)
     policy.entities = graph.entities
@@ -160,6 +154,11 @@ def _policy(
         raise ConfigError(
             f"`use` {with_letters(pair_sources)} takes recipes of two ingredients so far, and the "
             "graph has others. Choose `use` combines,component,recipe,plan."
+        )
+    if vectors.is_one_hot and config.policy not in (None, "attention", "pairs"):
+        raise ConfigError(
+            f"`policy` {config.policy} takes no one-hot vectors; choose `features` random, which "
+            "have no meaning either."
         )
     if config.policy == "mlp":
         return MLPPolicy(config, vectors, num_slots)
@@ -241,9 +240,6 @@ def read_policy(
         if len(set(entities)) < size:
             raise ValueError("a label occurs twice among the entities")
         config = PolicyConfig(**description.settings)
-        num_slots = description.num_slots
-        if config.policy == "mlp" and not num_slots:
-            raise ValueError(f"an mlp with `num_slots` {num_slots}; expected 1 or more")
         if description.sources not in ((), config.sources):
             raise ValueError(f"sources {description.sources}, settings for {config.sources}")
         # From the files' own tensors, which they check.
@@ -253,13 +249,12 @@ def read_policy(
         ]
         # Modules without memory, whatever sizes the description names: only shapes matter here.
         with torch.random.fork_rng(devices=[]), torch.device("meta"):
-            is_learned = config.features == LEARNED
             dim = description.dim
-            constant = torch.zeros(size, dim) if dim and not is_learned else None
-            vectors = EntityVectors(size, constant, learned_dim=dim if is_learned else 0)
+            vectors = EntityVectors(size, torch.zeros(size, dim) if dim else None)
             # A learned term for each number of selections, if recipes have other sizes than two.
             most_picks = len(parameters.get("combine.counts", (0,))) - 1
-            policy = _policy(config, vectors, num_slots or 0, sources, most_picks)
+            # Without a number, an mlp's weights do not fit.
+            policy = _policy(config, vectors, description.num_slots or 1, sources, most_picks)
         # Constants, which have been checked, come before parameters of the same name.
         weights = {**parameters, **tensors}
         for name, expected in policy.state_dict().items():

@@ -90,6 +90,19 @@ class States(NamedTuple):
             sums = sums + score(entities)
         return sums / num_selected.clamp(min=1)[:, None]
 
+    def with_selections_on_table(self, nothing: int) -> "States":
+        """Return states in which each selection (B,) is on the table, if need be in a further slot.
+
+        Args:
+            nothing: E.
+        """
+        selection = self.selection[:, None]
+        is_there = (self.table == selection).any(1, keepdim=True) | (selection == nothing)
+        if is_there.all():
+            return self
+        last_slot = selection.masked_fill(is_there, nothing)
+        return self._replace(table=torch.cat([self.table, last_slot], dim=1))
+
     def rows(
         self,
         start: int,

@@ -86,7 +86,7 @@ def fit_committee(
     """
     members, size, _, rate, _ = schedule
     mean, scale = _moments(examples)
-    networks = [_Network.drawn(len(mean), generator) for _ in range(members)]
+    networks = [_drawn_network(len(mean), generator) for _ in range(members)]
     # The same queries are together in all epochs, so that they are prepared once.
     parts = torch.randperm(len(examples.features), generator=generator).split(size)
     batches = [_prepared(examples, rows, mean, scale) for rows in parts]
@@ -121,27 +121,14 @@ def fit_committee(
     )
 
 
-class _Network(NamedTuple):
-    """Weights of a network while it learns, with H hidden units.
-
-    Attributes:
-        first: shape (F, H).
-        first_bias: shape (H,).
-        second: shape (H,).
-    """
-
-    first: Tensor
-    first_bias: Tensor
-    second: Tensor
-
-    @classmethod
-    def drawn(cls, features: int, generator: torch.Generator) -> "_Network":
-        """Draw initial weights for F features."""
-        return cls(
-            _drawn(features, HIDDEN, fan=features, generator=generator),
-            _drawn(HIDDEN, fan=features, generator=generator),
-            _drawn(HIDDEN, fan=HIDDEN, generator=generator),
-        )
+def _drawn_network(features: int, generator: torch.Generator) -> Ranker:
+    """Draw the weights of a network for F features; its bias stays 0, which changes no loss."""
+    return Ranker(
+        first=_drawn(features, HIDDEN, fan=features, generator=generator),
+        first_bias=_drawn(HIDDEN, fan=features, generator=generator),
+        second=_drawn(HIDDEN, fan=HIDDEN, generator=generator),
+        bias=torch.zeros(()),
+    )
 
 
 def _prepared(
@@ -167,7 +154,7 @@ def _prepared(
 
 
 def _set_gradients(
-    networks: Sequence[_Network], features: Tensor, places: Tensor, is_right: Tensor
+    networks: Sequence[Ranker], features: Tensor, places: Tensor, is_right: Tensor
 ) -> None:
     """Set the gradients of the mean loss of a batch, network by network.
 
@@ -177,7 +164,7 @@ def _set_gradients(
     differentiation, which keeps more numbers than it needs.
 
     Args:
-        networks: their ``grad`` is overwritten.
+        networks: the ``grad`` of all weights but the bias is overwritten.
         features: of the competing candidates, see :func:`_prepared`.
         places: where they are among all candidates.
         is_right: which candidates are right.

@@ -64,104 +64,101 @@ _RISING = 0.1
 _SEED = 0xE
 
 
-class _Network(nn.Module):
-    """The parameters of an encoder while it is fitted; shapes are those of ``PairEncoder``."""
+def _drawn_encoder(
+    size: int, dim: int, plan: EncoderSchedule, generator: torch.Generator, device: str
+) -> PairEncoder:
+    """Draw the weights from which a fit begins.
 
-    def __init__(self, size: int, dim: int, plan: EncoderSchedule, generator: torch.Generator):
-        super().__init__()
+    While an encoder is fitted, its ``used``, ``made`` and ``bias``, here (T, 1), are vectors of
+    single entities alone, to which the parts by words are added.
 
-        def drawn(rows: int, columns: int) -> nn.Parameter:
-            uniform = torch.rand(rows, columns, generator=generator) * 2 - 1
-            return nn.Parameter(uniform / math.sqrt(max(rows, 1)))
+    Args:
+        size: T.
+        dim: D.
+        plan: the other sizes.
+        generator: draws weights, on the CPU.
+        device: where to compute.
+    """
 
-        def zeros(*shape: int) -> nn.Parameter:
-            return nn.Parameter(torch.zeros(*shape))
+    def drawn(rows: int, columns: int) -> Tensor:
+        uniform = torch.rand(rows, columns, generator=generator) * 2 - 1
+        return uniform / math.sqrt(max(rows, 1))
 
-        self.used_words = drawn(dim, plan.used)
-        self.used_bias = zeros(plan.used)
-        self.made_words = drawn(dim, plan.made)
-        self.made_bias = zeros(plan.made)
-        self.bias_words = zeros(dim)
-        self.first = drawn(3 * plan.used, plan.hidden)
-        self.first_bias = zeros(plan.hidden)
-        self.second = drawn(plan.hidden, plan.made)
-        self.second_bias = zeros(plan.made)
-        self.pair = zeros(plan.hidden)
-        # Vectors of single entities: an ingredient's, a result's, and a result's bias.
-        self.used_ids = zeros(size, plan.used)
-        self.made_ids = zeros(size, plan.made)
-        self.bias_ids = zeros(size, 1)
+    encoder = PairEncoder(
+        used_words=drawn(dim, plan.used),
+        used_bias=torch.zeros(plan.used),
+        made_words=drawn(dim, plan.made),
+        made_bias=torch.zeros(plan.made),
+        bias_words=torch.zeros(dim),
+        bias_base=torch.zeros(()),
+        first=drawn(3 * plan.used, plan.hidden),
+        first_bias=torch.zeros(plan.hidden),
+        second=drawn(plan.hidden, plan.made),
+        second_bias=torch.zeros(plan.made),
+        pair=torch.zeros(plan.hidden),
+        pair_bias=torch.zeros(()),
+        used=torch.zeros(size, plan.used),
+        made=torch.zeros(size, plan.made),
+        bias=torch.zeros(size, 1),
+    )
+    return PairEncoder(*(part.to(device).requires_grad_() for part in encoder))
 
-    def as_used(self, vectors: Tensor, ids: Tensor, keep: Tensor) -> Tensor:
-        """Return the vectors h of ingredients.
 
-        Args:
-            vectors: unit word vectors, shape (T, D).
-            ids: entity ids, shape (n,).
-            keep: shape (n, 1): 0 where an entity's own vector is dropped, so that words must do.
+def _as_used(encoder: PairEncoder, vectors: Tensor, ids: Tensor, keep: Tensor) -> Tensor:
+    """Return the vectors h of ingredients.
 
-        Returns:
-            shape (n, U).
-        """
-        id_vectors = nn.functional.embedding(ids, self.used_ids, sparse=True) * keep
-        word_vectors = vectors[ids] @ self.used_words + self.used_bias
-        return (word_vectors + id_vectors).relu()
+    Args:
+        encoder: is fitted.
+        vectors: unit word vectors, shape (T, D).
+        ids: entity ids, shape (n,).
+        keep: shape (n, 1): 0 where an entity's own vector is dropped, so that words must do.
 
-    def as_made(self, vectors: Tensor, ids: Tensor, keep: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the vectors g of results, and their biases.
+    Returns:
+        shape (n, U).
+    """
+    id_vectors = nn.functional.embedding(ids, encoder.used, sparse=True) * keep
+    word_vectors = vectors[ids] @ encoder.used_words + encoder.used_bias
+    return (word_vectors + id_vectors).relu()
 
-        Args:
-            vectors: unit word vectors, shape (T, D).
-            ids: entity ids, shape (n,).
-            keep: shape (n, 1): 0 where a result's own vector and bias are dropped.
 
-        Returns:
-            shape (n, Z), and shape (n,).
-        """
-        words = vectors[ids]
-        id_vectors = nn.functional.embedding(ids, self.made_ids, sparse=True) * keep
-        id_bias = nn.functional.embedding(ids, self.bias_ids, sparse=True) * keep
-        result_vectors = words @ self.made_words + self.made_bias + id_vectors
-        bias = words @ self.bias_words + id_bias[:, 0]
-        return result_vectors, bias
+def _as_made(
+    encoder: PairEncoder, vectors: Tensor, ids: Tensor, keep: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Return the vectors g of results, and their biases.
 
-    def encode_pairs(self, first_vectors: Tensor, second_vectors: Tensor) -> tuple[Tensor, Tensor]:
-        """Return z, shape (n, Z), and u, shape (n,), of pairs of h, shape (n, U) each."""
-        inputs = pair_inputs(first_vectors, second_vectors)
-        units = (inputs @ self.first + self.first_bias).relu()
-        z = units @ self.second + self.second_bias
-        u = units @ self.pair
-        return z, u
+    Args:
+        encoder: is fitted.
+        vectors: unit word vectors, shape (T, D).
+        ids: entity ids, shape (n,).
+        keep: shape (n, 1): 0 where a result's own vector and bias are dropped.
 
-    @torch.no_grad()
-    def fitted(self, vectors: Tensor, recipes: Tensor) -> PairEncoder:
-        """Return the encoder for inference, on the CPU, see :func:`_centred`.
+    Returns:
+        shape (n, Z), and shape (n,).
+    """
+    words = vectors[ids]
+    id_vectors = nn.functional.embedding(ids, encoder.made, sparse=True) * keep
+    id_bias = nn.functional.embedding(ids, encoder.bias, sparse=True) * keep
+    result_vectors = words @ encoder.made_words + encoder.made_bias + id_vectors
+    bias = words @ encoder.bias_words + id_bias[:, 0]
+    return result_vectors, bias
 
-        Args:
-            vectors: unit word vectors, shape (T, D).
-            recipes: training recipes, ids (n, 3).
-        """
-        nothing = torch.zeros(())
-        parts = PairEncoder(
-            used=(vectors @ self.used_words + self.used_bias + self.used_ids).relu(),
-            made=vectors @ self.made_words + self.made_bias + self.made_ids,
-            bias=vectors @ self.bias_words + self.bias_ids[:, 0],
-            first=self.first,
-            first_bias=self.first_bias,
-            second=self.second,
-            second_bias=self.second_bias,
-            pair=self.pair,
-            pair_bias=nothing,
-            used_words=self.used_words,
-            used_bias=self.used_bias,
-            made_words=self.made_words,
-            made_bias=self.made_bias,
-            bias_words=self.bias_words,
-            bias_base=nothing,
-        )
-        on_cpu = PairEncoder(*(part.detach().cpu().clone() for part in parts))
-        centred = _centred(on_cpu, recipes.cpu())
-        return centred._replace(used=centred.used.half(), made=centred.made.half())
+
+@torch.no_grad()
+def _with_words(encoder: PairEncoder, vectors: Tensor, recipes: Tensor) -> PairEncoder:
+    """Return a fitted encoder for inference, on the CPU, see :func:`_centred`.
+
+    Args:
+        encoder: has vectors of single entities alone.
+        vectors: unit word vectors, shape (T, D).
+        recipes: training recipes, ids (n, 3).
+    """
+    parts = encoder._replace(
+        used=(vectors @ encoder.used_words + encoder.used_bias + encoder.used).relu(),
+        made=vectors @ encoder.made_words + encoder.made_bias + encoder.made,
+        bias=vectors @ encoder.bias_words + encoder.bias[:, 0],
+    )
+    centred = _centred(PairEncoder(*(part.detach().cpu() for part in parts)), recipes)
+    return centred._replace(used=centred.used.half(), made=centred.made.half())
 
 
 def _centred(encoder: PairEncoder, recipes: Tensor) -> PairEncoder:
@@ -215,7 +212,7 @@ class _Draws(NamedTuple):
     log_expected: Tensor
 
     @classmethod
-    def of(cls, recipes: Ids, size: int, batch: int, sampled: int) -> "_Draws":
+    def of(cls, recipes: Ids, size: int, batch: int, sampled: int, device: str) -> "_Draws":
         """Count recipes.
 
         Args:
@@ -223,6 +220,7 @@ class _Draws(NamedTuple):
             size: T.
             batch: recipes of a step.
             sampled: results sampled for a step.
+            device: where ``log_expected`` is used.
         """
         make_counts = np.bincount(recipes[:, 2], minlength=size)
         # Half by frequency to the power .75 (Mikolov et al. 2013), half evenly.
@@ -235,7 +233,7 @@ class _Draws(NamedTuple):
         return cls(
             torch.from_numpy(np.cumsum(of_results)),
             torch.from_numpy(np.cumsum(uses / uses.sum())),
-            torch.from_numpy(np.log(np.minimum(expected, 1))).float(),
+            torch.from_numpy(np.log(np.minimum(expected, 1))).float().to(device),
         )
 
 
@@ -318,16 +316,16 @@ def fit_encoder(
     """
     plan = schedule or SCHEDULE
     size, dim = vectors.shape
-    network = _Network(size, dim, plan, generator).to(device)
+    encoder = _drawn_encoder(size, dim, plan, generator, device)
     words = vectors.to(device)
     batch = min(plan.batch, len(recipes))
-    draws = _Draws.of(recipes, size, batch, plan.sampled)
-    draws = draws._replace(log_expected=draws.log_expected.to(device))
+    draws = _Draws.of(recipes, size, batch, plan.sampled, device)
     rows = torch.from_numpy(recipes)
     steps = len(recipes) // batch
     # Vectors of single entities have sparse gradients.
-    single = [network.used_ids, network.made_ids, network.bias_ids]
-    shared = [part for name, part in network.named_parameters() if not name.endswith("_ids")]
+    single = [encoder.used, encoder.made, encoder.bias]
+    of_entities = ("used", "made", "bias")
+    shared = [part for name, part in encoder._asdict().items() if name not in of_entities]
     optimizers: list[torch.optim.Optimizer] = [
         torch.optim.AdamW(shared, lr=plan.rate, weight_decay=plan.weight_decay, fused=True),
         # Most entities are in no batch: their vectors rest.
@@ -344,14 +342,14 @@ def fit_encoder(
                     raise KeyboardInterrupt
                 rate = plan.rate * _share_of_rate(num_steps, total)
                 num_steps += 1
-                loss = _loss(network, words, rows[batch_rows], draws, plan, generator)
+                loss = _loss(encoder, words, rows[batch_rows], draws, plan, generator)
                 for optimizer in optimizers:
                     optimizer.zero_grad()
                 loss.backward()
                 for optimizer in optimizers:
                     optimizer.param_groups[0]["lr"] = rate
                     optimizer.step()
-        return network.fitted(words, rows)
+        return _with_words(encoder, words, rows)
 
 
 def _share_of_rate(num_steps: int, total: int) -> float:
@@ -369,7 +367,7 @@ def _share_of_rate(num_steps: int, total: int) -> float:
 
 
 def _loss(
-    network: _Network,
+    encoder: PairEncoder,
     words: Tensor,
     recipes: Tensor,
     draws: _Draws,
@@ -379,7 +377,7 @@ def _loss(
     """Return the loss of a step.
 
     Args:
-        network: the parameters.
+        encoder: is fitted.
         words: unit word vectors, shape (T, D).
         recipes: the step's recipes, ids (B, 3), on the CPU.
         draws: distributions of negatives.
@@ -404,10 +402,13 @@ def _loss(
     used_ids = used_ids.to(device)
     made_ids = made_ids.to(device)
 
-    ingredient_vectors = network.as_used(words, used_ids, keep_used.to(device))
+    ingredient_vectors = _as_used(encoder, words, used_ids, keep_used.to(device))
     first_vectors, second_vectors = ingredient_vectors[pair_places.to(device)].chunk(2)
-    z, u = network.encode_pairs(first_vectors, second_vectors)
-    result_vectors, bias = network.as_made(words, made_ids, keep_made.to(device))
+    inputs = pair_inputs(first_vectors, second_vectors)
+    units = (inputs @ encoder.first + encoder.first_bias).relu()
+    z = units @ encoder.second + encoder.second_bias
+    u = units @ encoder.pair
+    result_vectors, bias = _as_made(encoder, words, made_ids, keep_made.to(device))
     # A result that steps have often is no better an answer: its frequency is taken off.
     corrected = bias - draws.log_expected[made_ids]
     # (B, results of the batch and sampled ones, each once)

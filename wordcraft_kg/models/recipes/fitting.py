@@ -9,7 +9,7 @@ The ranker without fold i learns from fold j by lists without folds i and j; so 
 without fold j from fold i. These lists are made once, and 1 + K + K (K - 1) / 2 sets of lists serve
 K + 1 scorers.
 
-On large books, and with a pair encoder, whose fit costs more than all else, a scorer's rankers
+On large books, which have a pair encoder, whose fit costs more than all else, a scorer's rankers
 learn from one fold: a large book has recipes enough in it. Folds are taken in twos, which learn
 from each other, so that lists and encoders without both serve both, see :func:`lesson_folds`. An
 encoder of other books is one for all folds.
@@ -67,6 +67,7 @@ ONE_LESSON_FROM = 20_000
 """Training recipes from which a scorer's rankers learn from a single held-out fold.
 
 It has as many examples as all folds together, and five folds need nine sets of lists instead of 16.
+A pair encoder needs as many recipes.
 """
 DRAWS = (2, 4)
 """Fewest and most tables of each size for a held-out recipe, with different distractors.
@@ -140,7 +141,7 @@ def fit_recipe_scorers(
         # Each fold left out is held out for the ranker that leaves out the others.
         for held_out in without:
             ranker_folds = tuple(sorted(without - {held_out}))
-            turns = lesson_folds(folds, ranker_folds, has_encoder=has_own_encoders)
+            turns = lesson_folds(folds, ranker_folds)
             if ranker_folds in missing and held_out in turns:
                 new_lessons[ranker_folds, held_out] = _lesson(
                     folds,
@@ -159,7 +160,7 @@ def fit_recipe_scorers(
     fits: deque[tuple[LeftOut, Future[RecipeKnowledge]]] = deque()
     try:
         for number, left_out in enumerate(wanted, 1):
-            turns = lesson_folds(folds, left_out, has_encoder=has_own_encoders)
+            turns = lesson_folds(folds, left_out)
             new = [turn for turn in turns if (left_out, turn) not in lessons]
             for lessons_of_turn in pool.map(partial(make_lessons, left_out), new):
                 lessons |= lessons_of_turn
@@ -180,17 +181,15 @@ def fit_recipe_scorers(
         pool.shutdown(cancel_futures=True)
 
 
-def lesson_folds(folds: Folds, left_out: LeftOut, *, has_encoder: bool) -> list[int]:
+def lesson_folds(folds: Folds, left_out: LeftOut) -> list[int]:
     """Return the held-out folds from which the rankers of a scorer learn.
 
     Args:
         folds: folds of the train recipes.
         left_out: folds that the scorer has not seen.
-        has_encoder: whether it has a pair encoder.
     """
     remaining_folds = [fold for fold in range(folds.count) if fold not in left_out]
-    num_recipes = np.count_nonzero(folds.train_sample.is_trained_on)
-    if not has_encoder and num_recipes < ONE_LESSON_FROM:
+    if np.count_nonzero(folds.train_sample.is_trained_on) < ONE_LESSON_FROM:
         return remaining_folds
     # Folds 0 and 1 learn from each other, so do 2 and 3; the last of an odd number learns from 0.
     # `^ 1` turns an even number into the next one, and that into the even one.
@@ -199,17 +198,16 @@ def lesson_folds(folds: Folds, left_out: LeftOut, *, has_encoder: bool) -> list[
     return partner_folds or remaining_folds[:1]
 
 
-def lists_of(folds: Folds, wanted: Sequence[LeftOut], *, has_encoder: bool) -> list[LeftOut]:
+def lists_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LeftOut]:
     """Return the folds that sets of lists must not have seen, an entry for each set.
 
     Args:
         folds: folds of the train recipes.
         wanted: the folds that scorers leave out, in the order of their fits.
-        has_encoder: whether the scorers have pair encoders.
     """
     fold_sets: dict[LeftOut, None] = {}
     for left_out in wanted:
-        for turn in lesson_folds(folds, left_out, has_encoder=has_encoder):
+        for turn in lesson_folds(folds, left_out):
             fold_sets[tuple(sorted({*left_out, turn}))] = None
     return list(fold_sets)
 
@@ -224,7 +222,7 @@ def encoders_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LeftOut]:
         folds: folds of the train recipes.
         wanted: the folds that scorers leave out, in the order of their fits.
     """
-    return list(dict.fromkeys([*wanted, *lists_of(folds, wanted, has_encoder=True)]))
+    return list(dict.fromkeys([*wanted, *lists_of(folds, wanted)]))
 
 
 class _Lesson(NamedTuple):
@@ -311,8 +309,11 @@ def _result_ranker(
         knowledge: computes the features of known recipes.
         recipes: known recipes, ids (n, 3).
     """
-    queries = [lesson.results for lesson in lessons]
-    parts = [results for results in queries if results is not None and len(results.competes)]
+    parts = [
+        lesson.results
+        for lesson in lessons
+        if lesson.results is not None and len(lesson.results.competes)
+    ]
     if not parts:
         # By-goal folds of a tiny book: no candidate is ever right. As wide as other folds' rankers,
         # with which this one is stacked.
@@ -330,7 +331,9 @@ def _knowing(
     """Return a ranker that scores known recipes highest, if nothing in its examples was known.
 
     With folds by goal no held-out goal has a known recipe, and where each pair makes one thing no
-    held-out pair has a known result.
+    held-out pair has a known result. So the ranker learns nothing about the feature ``makes`` (a +
+    b makes the goal), and low scores for known pairs, even with their own results. Scores of other
+    pairs stay the same to the bit.
 
     Args:
         ranker: the fitted ranker.
@@ -348,29 +351,13 @@ def _knowing(
     slots = only_pair(goal.device)
     known_features = knowledge.features(goal, table, torch.zeros_like(goal), slots)
     highest = ranker(examples.features[examples.competes]).amax()
-    return with_known(ranker, known_features[:, 0], makes, highest)
-
-
-def with_known(ranker: Ranker, of_known: Tensor, makes: int, least: Tensor) -> Ranker:
-    """Return a ranker that scores known recipes at least ``least``, other pairs as before.
-
-    Scores of other pairs stay the same to the bit. Held-out goals have no known recipes, so the
-    ranker learns nothing about the feature ``makes`` (a + b makes the goal), and low scores for
-    known pairs, even with their own results.
-
-    Args:
-        ranker: has weights of 0 for the feature ``makes``.
-        of_known: features of known recipes, shape (n, F).
-        makes: number of the feature ``makes``.
-        least: smallest score of a known recipe, shape ().
-    """
-    units = of_known @ ranker.first + ranker.first_bias
+    units = known_features[:, 0] @ ranker.first + ranker.first_bias
     positive = ranker.second.clamp(min=0)
-    # A lower bound, because relu(x) is never below x.
+    # A lower bound of the scores of known recipes, because relu(x) is never below x.
     negative = ranker.second - positive
     scores = units.relu() @ negative + units @ positive + ranker.bias
     # The same lift for all units that raise the score.
-    lift = (least - scores.amin()).clamp(min=0) / positive.sum()
+    lift = (highest - scores.amin()).clamp(min=0) / positive.sum()
     first = ranker.first.clone()
     first[makes] = lift * (positive > 0)
     return ranker._replace(first=first)
@@ -471,7 +458,7 @@ def _lesson(
             too.
     """
     rng = np.random.default_rng([_seed_of(seed, left_out), held_out])
-    lessons = len(lesson_folds(folds, left_out, has_encoder=is_own_encoder))
+    lessons = len(lesson_folds(folds, left_out))
     # A single fold has as many queries as all together would have.
     most = LINK_QUERIES * (folds.count - len(left_out)) // lessons
     queries = {
@@ -720,15 +707,11 @@ def _tables(
     drawn_ids = np.searchsorted(ends, shares * ends[-1], "right")
     by_recipe = zip(recipes.tolist(), drawn_ids.tolist(), strict=True)
     for row, (recipe, entities) in enumerate(by_recipe):
-        distractor_ids = [entity for entity in dict.fromkeys(entities) if entity not in recipe]
-        if len(distractor_ids) < amount:
+        if len(set(entities).difference(recipe)) < amount:
             # In a small book, nearly all draws may repeat a few entities.
-            remaining_ids = [
-                candidate for candidate in rng.permutation(size).tolist() if candidate not in recipe
-            ]
-            distractor_ids = list(dict.fromkeys([*distractor_ids, *remaining_ids]))
-        table_distractors = distractor_ids[:amount]
-        tables[row, 2 : 2 + len(table_distractors)] = table_distractors
+            entities += rng.permutation(size).tolist()
+        drawn = [entity for entity in dict.fromkeys(entities) if entity not in recipe]
+        tables[row, 2 : 2 + amount] = drawn[:amount]
     return tables
 
 

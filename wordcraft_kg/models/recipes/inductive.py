@@ -6,17 +6,16 @@ words alone, and similar words predict similar recipes.
 The page docs/explanation/recipe-scorer.md explains it under *New entities*.
 """
 
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from wordcraft_kg.base import ArtefactError, ConfigError, FeatureSpec, UnknownEntityError, nearest
+from wordcraft_kg.base import ArtefactError, FeatureSpec, UnknownEntityError, nearest
 from wordcraft_kg.graphs.recipes import check_label
 from wordcraft_kg.models.knowledge.books import ids_among
 from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
@@ -25,7 +24,6 @@ from wordcraft_kg.models.scorers.features import ENCODE, EntityFeatures, make_fe
 from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.record import RunFiles, read_finished_run
 
@@ -36,7 +34,7 @@ _POWER = 4
 
 
 def extended(
-    scorer: Scorer,
+    scorer: RecipeScorer,
     labels: Sequence[str],
     vectors: NDArray[np.floating],
 ) -> RecipeScorer:
@@ -46,37 +44,34 @@ def extended(
     name old and new ones.
 
     Args:
-        scorer: scores E entities, without outside knowledge; of a cross-fitted scorer, the main
-            scorer is extended.
+        scorer: scores E entities, without outside knowledge.
         labels: the new entities, each once, which get ids from E on.
         vectors: their unit word vectors, shape (n, D).
 
     Raises:
-        ConfigError: if the scorer has another kind.
         RecipeFileError: if a label is invalid.
     """
-    main = _recipe_scorer(scorer)
-    entities = (*main.entities, *(check_label(label, "a new entity") for label in labels))
-    constants = main.knowledge.constants()
+    entities = (*scorer.entities, *(check_label(label, "a new entity") for label in labels))
+    constants = scorer.knowledge.constants()
     old = constants["vectors"].cpu()
     # Half precision, as the vectors of old entities are stored.
     every = torch.cat([old, torch.from_numpy(vectors.astype(np.float16))])
-    size = len(main.entities)
+    size = len(scorer.entities)
     near = constants["near_words"].cpu()
     new_neighbours = nearest_words(every.float().numpy(), near.shape[1], first=size)
     near_words = torch.cat([near, torch.from_numpy(new_neighbours)])
     num_own = torch.tensor([len(entities)], dtype=torch.int32)
     tensors = {"num_own": num_own, "vectors": every, "near_words": near_words}
-    if main.knowledge.has_encoder:
-        encoder = main.knowledge.encoder()
+    if scorer.knowledge.has_encoder:
+        encoder = scorer.knowledge.encoder()
         new_vectors = every[size:].float().to(encoder.bias.device)
         encoder_tensors = encoder.with_entities(new_vectors).named()
         tensors |= {name: tensor[None] for name, tensor in encoder_tensors.items()}
     return RecipeScorer(
         constants | tensors,
         entities,
-        f"{main.graph_hash} and {len(labels)} more",
-        device=main.device,
+        f"{scorer.graph_hash} and {len(labels)} more",
+        device=scorer.device,
         name=scorer.name,
     )
 
@@ -101,36 +96,21 @@ def for_labels(folder: str | Path, scorer: Scorer, labels: Sequence[str]) -> Lab
 
     Args:
         folder: the model's folder, written by ``train-recipes``.
-        scorer: the folder's scorer.
+        scorer: the folder's scorer, a recipe scorer or a cross-fitted one.
         labels: n labels; those without a vector are described by zeros.
 
     Raises:
-        ConfigError: if the scorer has another kind, or the model's vector file is missing or
-            damaged.
+        ConfigError: if the model's vector file is missing or damaged.
         UnknownEntityError: if there are new labels, and the model uses no words, or outside
             knowledge.
         ArtefactError: if the folder is damaged, or the word vectors have changed.
     """
-    main = _recipe_scorer(scorer)
+    main = cast("RecipeScorer", whole_of(scorer))
     num_trained = len(main.entities)
     ids = ids_among(main.entities, labels)
     new = [label for label, row in zip(labels, ids.tolist(), strict=True) if row >= num_trained]
     labelled = with_words(folder, scorer, new, allow_missing=True) if new else main
     return LabelledScorer(labelled, num_trained, ids)
-
-
-def _recipe_scorer(scorer: Scorer) -> RecipeScorer:
-    """Return a recipe scorer, of a cross-fitted one that of all folds.
-
-    Raises:
-        ConfigError: for a scorer of another kind.
-    """
-    main = whole_of(scorer)
-    if isinstance(main, RecipeScorer):
-        return main
-    raise ConfigError(
-        f"{scorer.name} is not a recipe scorer; expected a model from `wordcraft-kg train-recipes`."
-    )
 
 
 def with_words(
@@ -152,8 +132,8 @@ def with_words(
         allow_missing: use zeros for labels without a vector.
 
     Raises:
-        UnknownEntityError: if the model uses no words, or outside knowledge, or a label has no
-            vector.
+        UnknownEntityError: if the model is no recipe scorer, uses no words, or outside knowledge,
+            or a label has no vector.
         ArtefactError: if the folder is damaged, or the word vectors have changed.
         ConfigError: if the model's vector file is missing or damaged.
         RecipeFileError: if a label is invalid.
@@ -168,19 +148,15 @@ def with_words(
     def unknown(label: str, reason: str) -> UnknownEntityError:
         return UnknownEntityError(f"no entity '{label}'.{nearest(label, scorer.entities)} {reason}")
 
-    if isinstance(scorer, SetScorer):
-        raise unknown(
-            labels[0],
-            "A model of sets scores links of the graph's entities alone; ask for a whole recipe, "
-            "such as a + b -> c.",
-        )
     folder = Path(folder)
     run = read_finished_run(folder, "a model of train-recipes", "model.safetensors")
-    if run.kind != RecipeScorerConfig.command:
+    main = whole_of(scorer)
+    if not isinstance(main, RecipeScorer) or run.kind != RecipeScorerConfig.command:
         raise unknown(
             labels[0],
-            "This model knows only the graph's entities; a model from `wordcraft-kg train-recipes` "
-            "scores new entities by words.",
+            "This model knows only the graph's entities; a model of pairs from `wordcraft-kg "
+            "train-recipes` scores new entities by words, a model of sets whole recipes, such as "
+            "a + b -> c.",
         )
     # Reading the file compares its hash with the record.
     RunFiles(folder, run).bytes(CONFIG_FILE)
@@ -221,18 +197,12 @@ def with_words(
     # The error names the first label without a vector.
     for label, is_known in zip(labels, has_vector[size:], strict=True):
         if not (is_known or allow_missing):
-            raise unknown(label, _why_unknown(words))
-    return extended(scorer, labels, vectors[size:])
-
-
-def _why_unknown(words: str) -> str:
-    """Return why a label has no vector in the features ``words``, and what to do."""
-    if os.path.isdir(words):
-        return (
-            f"The model's `features` {words} have no vector for this label. Encode it with the "
-            f"graph, `{ENCODE} --labels LABEL`, and train with these vectors, or with glove."
-        )
-    return f"No word in this label has a vector in {words}."
+            raise unknown(
+                label,
+                f"No word in this label has a vector in {words}. Train with glove, or with vectors "
+                f"of the graph and this label, `{ENCODE} --labels LABEL`.",
+            )
+    return extended(main, labels, vectors[size:])
 
 
 def _completed(

@@ -13,22 +13,20 @@ from itertools import chain, islice, zip_longest
 from pathlib import Path
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from wordcraft_kg.base import ArtefactError, Record, WordCraftKGError
+from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs import COMBINES_WITH, RELATIONS, Entity, OpenedGraph, Recipe
 from wordcraft_kg.models.knowledge.books import open_other_book
 from wordcraft_kg.models.knowledge.knowledge_folder import (
     TABLES,
-    KnowledgeTables,
     TableInfo,
     knowledge_files,
     read_knowledge,
 )
 from wordcraft_kg.models.knowledge.outside import is_book
 from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.recipe_records import RecipeMetrics, is_of_sets
+from wordcraft_kg.models.recipes.recipe_records import RecipeMetrics
 from wordcraft_kg.models.scorers.scorer_folder import MODEL, WEIGHTS
 from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.record import RunFiles, read_finished_run
@@ -42,8 +40,6 @@ model's tables.
 With 1, most random triples of entities would have evidence."""
 _Slots = tuple[int | None, int | None, int | None]
 """Ids of two ingredients and a result; None in a link for the missing part of a recipe."""
-_NO_DEVIATION = 1e-9
-"""Smallest deviation of a table's cells by which they are divided: a table may be constant."""
 
 
 class OutsideEvidence(Record):
@@ -116,14 +112,16 @@ class OutsideEvidenceFinder:
             raise ArtefactError(
                 f"the scorer in '{folder}' has changed since the agent was trained."
             )
-        if files.run.kind != RecipeScorerConfig.command or is_of_sets(files):
+        if files.run.kind != RecipeScorerConfig.command:
             return None
         # Reading the file compares its hash with the record.
         files.bytes(CONFIG_FILE)
         settings = RecipesConfig.read(folder).settings
-        metrics = files.record("metrics.json", RecipeMetrics)
-        hashes = frozenset(source.sha256 for source in metrics.outside)
-        return cls(settings, hashes, opened) if settings.with_ else None
+        # A model of sets has none.
+        if not settings.with_:
+            return None
+        outside = files.record("metrics.json", RecipeMetrics).outside
+        return cls(settings, frozenset(source.sha256 for source in outside), opened)
 
     def of_recipe(self, a: Entity, b: Entity, result: Entity) -> tuple[OutsideEvidence, ...]:
         """Return at most :data:`LIMIT` pieces of evidence for a recipe.
@@ -154,11 +152,9 @@ class OutsideEvidenceFinder:
             UnknownEntityError: for a label or id that the graph lacks.
         """
         id_of = self.opened.graph.id_of
-        head_id = id_of(head)
-        tail_id = id_of(tail)
         if relation == RELATIONS[COMBINES_WITH]:
-            return self._find((head_id, tail_id, None))
-        return self._find((head_id, None, tail_id))
+            return self._find((id_of(head), id_of(tail), None))
+        return self._find((id_of(head), None, id_of(tail)))
 
     def _find(self, slots: _Slots) -> tuple[OutsideEvidence, ...]:
         by_source = [source(slots) for source in self._sources]
@@ -186,8 +182,30 @@ class OutsideEvidenceFinder:
             raise ArtefactError("the source has changed since the model was trained.")
 
     def _folder_source(self, spec: str) -> _Source:
+        """Return a source of the cells that stand out in tables with phrases."""
         self._check(knowledge_files(spec).run.outputs[TABLES])
-        return _table_evidence(read_knowledge(spec).of_entities(self.opened.graph.entities))
+        knowledge = read_knowledge(spec).of_entities(self.opened.graph.entities)
+        source = knowledge.record.source
+        entities = knowledge.record.entities
+        described = [
+            (info, table, standardised(table.numpy()))
+            for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True)
+            if info.phrase
+        ]
+
+        def find(slots: _Slots) -> list[OutsideEvidence]:
+            evidence: list[tuple[float, OutsideEvidence]] = []
+            for info, table, strengths in described:
+                for row, column in _cells(info, slots):
+                    value = float(table[row, column])
+                    strength = float(strengths[row, column])
+                    if value > 0 and strength >= STANDS_OUT:
+                        text = info.words(entities[row], entities[column])
+                        evidence.append((strength, OutsideEvidence(source, text, value)))
+            evidence.sort(key=lambda pair: -pair[0])
+            return [piece for _, piece in evidence]
+
+        return find
 
     def _book_source(self, spec: str) -> _Source:
         # As in the training: a zero-shot scorer may use recipes of the train part.
@@ -215,37 +233,6 @@ class OutsideEvidenceFinder:
             return [OutsideEvidence(book.source.name, str(recipe), None) for recipe in recipes]
 
         return find
-
-
-def _table_evidence(knowledge: KnowledgeTables) -> _Source:
-    """Return the cells that stand out in tables with phrases, by descending standardised value.
-
-    Cells are compared with all cells off the table's diagonal.
-    """
-    source = knowledge.record.source
-    entities = knowledge.record.entities
-    # Each table with the mean and the deviation of its cells.
-    described: list[tuple[TableInfo, Tensor, float, float]] = []
-    for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True):
-        if info.phrase:
-            # An entity's cell with itself would shift the mean.
-            cells = table[~torch.eye(len(table), dtype=torch.bool)].double()
-            deviation = max(float(cells.std(correction=0)), _NO_DEVIATION)
-            described.append((info, table, float(cells.mean()), deviation))
-
-    def find(slots: _Slots) -> list[OutsideEvidence]:
-        evidence: list[tuple[float, OutsideEvidence]] = []
-        for info, table, mean, deviation in described:
-            for row, column in _cells(info, slots):
-                value = float(table[row, column])
-                strength = (value - mean) / deviation
-                if value > 0 and strength >= STANDS_OUT:
-                    text = info.words(entities[row], entities[column])
-                    evidence.append((strength, OutsideEvidence(source, text, value)))
-        evidence.sort(key=lambda pair: -pair[0])
-        return [piece for _, piece in evidence]
-
-    return find
 
 
 def _cells(info: TableInfo, slots: _Slots) -> Iterator[tuple[int, int]]:

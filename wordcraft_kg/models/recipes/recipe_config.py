@@ -79,10 +79,8 @@ class RecipeScorerConfig:
     def __post_init__(self) -> None:
         one_of("kg", self.kg, get_args(TrainedOn))
         check_train_sample(self.kg, self.train_fraction, self.label_noise)
-        # A bool is an int in Python, but no number of folds.
-        is_number = isinstance(self.folds, int) and not isinstance(self.folds, bool)
-        expected = "a whole number, 2 or more: the rankers learn on held-out folds"
-        require(self, "folds", is_number and self.folds >= 2, expected)
+        # The rankers learn on held-out folds.
+        whole("folds", self.folds, 2)
         require(self, "allow_missing", isinstance(self.allow_missing, bool), "true or false")
         is_apart = not self.without or (self.kg == "full" and not self.with_)
         require(self, "without", is_apart, "empty unless `kg` is full and `with` is empty")

@@ -144,18 +144,15 @@ class TrainedRecipes:
     metrics: RecipeMetrics | SetMetrics
 
 
-def is_of_sets(files: RunFiles) -> bool:
-    """Return whether a folder of ``train-recipes`` holds a model of sets."""
-    return "parts" in files.run.inputs
-
-
 def read_metrics(files: RunFiles) -> RecipeMetrics | SetMetrics:
     """Return the metrics in a folder of ``train-recipes``.
 
     Raises:
         ArtefactError: if the file is missing, damaged or has changed.
     """
-    kind: type[RecipeMetrics | SetMetrics] = SetMetrics if is_of_sets(files) else RecipeMetrics
+    # Models of sets alone have this input.
+    is_of_sets = "parts" in files.run.inputs
+    kind: type[RecipeMetrics | SetMetrics] = SetMetrics if is_of_sets else RecipeMetrics
     return files.record("metrics.json", kind)
 
 
@@ -167,12 +164,15 @@ def recipes_history(files: RunFiles) -> History:
     """
     config = RecipesConfig.read(files.folder)
     metrics = read_metrics(files)
-    facts = {"trained by": " ".join(files.run.argv), **metrics.facts()}
-    if isinstance(metrics, SetMetrics):
-        return History(config, facts, metrics)
     settings = [f"{name} {value}" for name, value in vars(config.settings).items()]
-    facts["settings"] = ", ".join(settings)
-    return History(config, facts, metrics, made_by_other_books=made_by_other_books(metrics.outside))
+    facts = {
+        "trained by": " ".join(files.run.argv),
+        **metrics.facts(),
+        "settings": ", ".join(settings),
+    }
+    # A model of sets has no other books.
+    sources = metrics.outside if isinstance(metrics, RecipeMetrics) else ()
+    return History(config, facts, metrics, made_by_other_books=made_by_other_books(sources))
 
 
 def made_by_other_books(sources: Sequence[OutsideSource]) -> frozenset[str] | None:

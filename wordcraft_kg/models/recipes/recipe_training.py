@@ -58,7 +58,7 @@ from wordcraft_kg.models.recipes.recipe_records import (
     TrainedRecipes,
     counter,
 )
-from wordcraft_kg.models.recipes.set_training import SetsTraining, trains_sets
+from wordcraft_kg.models.recipes.set_training import SetsTraining
 from wordcraft_kg.models.scorers.features import named
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
@@ -200,7 +200,7 @@ def tables_alone(outside: LinkTables, words: Words) -> RecipeKnowledge:
     size = len(words.vectors)
 
     def mean(tables: Sequence[Tensor]) -> Tensor:
-        scaled = [torch.from_numpy(standardised(table.numpy(), None)) for table in tables]
+        scaled = [torch.from_numpy(standardised(table.numpy())) for table in tables]
         return torch.stack(scaled).float().mean(0) if scaled else torch.zeros(size, size)
 
     tables = {COMBINES_WITH: mean(outside.pairs), COMPONENT_OF: mean(outside.parts)}
@@ -254,12 +254,11 @@ class RecipesTraining(FitsTraining):
         self.own: Tensor | None = None
         with torch_threads(settings.threads), threadpool_limits(settings.threads):
             if settings.kg == "none":
-                joint = join_books(
+                opened, self.own, self.folds, self.outside = join_books(
                     *sources,
                     folds=settings.folds,
                     allow_missing=settings.allow_missing,
                 )
-                opened, self.own, self.folds, self.outside = joint
             else:
                 self.folds = _folds(opened, settings, self.without)
                 self.outside = open_outside(
@@ -268,11 +267,14 @@ class RecipesTraining(FitsTraining):
                 )
         graph = opened.graph
         self.words = named(settings.features, graph.entities)
-        missing = settings.allow_missing
         # The graph's own labels need vectors, whatever the labels of other books in a joint graph.
-        self.features = word_features(self.words, self.opened.graph.entities, allow_missing=missing)
+        self.features = word_features(
+            self.words, self.opened.graph.entities, allow_missing=settings.allow_missing
+        )
         if self.own is not None:
-            self.features = words_of_books(self.words, graph.entities, allow_missing=missing)
+            self.features = words_of_books(
+                self.words, graph.entities, allow_missing=settings.allow_missing
+            )
         dim = self.features.vectors.shape[1]
         num_recipes = len(self.folds.recipes())
         num_other_recipes = sum(len(book.recipes) for book in self.outside.books)
@@ -288,8 +290,9 @@ class RecipesTraining(FitsTraining):
         self.encoders: list[LeftOut] = []
         if settings.has_encoder(num_recipes):
             self.encoders = encoders_of(self.folds, self.every)
-        num_encoders = len(self.encoders)
-        self.workers = fitting_workers(graph.num_entities, num_recipes, dim, cores(), num_encoders)
+        self.workers = fitting_workers(
+            graph.num_entities, num_recipes, dim, cores(), len(self.encoders)
+        )
         if self.has_encoder_of_others:
             self.encoders = [()]
 
@@ -297,7 +300,7 @@ class RecipesTraining(FitsTraining):
     def of(  # noqa: D102 - inherited
         cls, config: RecipesConfig, opened: OpenedGraph
     ) -> Training[Any, Any, Any]:
-        if trains_sets(config.settings, opened.graph):
+        if config.settings.parts is not None or bool((opened.graph.sizes != 2).any()):
             return SetsTraining(config, opened)
         return cls(config, opened)
 
@@ -318,8 +321,7 @@ class RecipesTraining(FitsTraining):
         self, run: RunFolder[Record], report: Progress | None
     ) -> TrainedRecipes:
         began = time.perf_counter()
-        has_encoders = bool(self.encoders) and not self.has_encoder_of_others
-        num_lists = len(lists_of(self.folds, self.every, has_encoder=has_encoders))
+        num_lists = len(lists_of(self.folds, self.every))
         total = num_lists + len(self.encoders) + len(self.every)
         after = counter(run, report, total)
         words = Words.of(self.features)

@@ -15,7 +15,7 @@ from wordcraft_kg.base import GraphError, Record
 from wordcraft_kg.base.tensors import MAX_WEIGHT
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge, Vector
-from wordcraft_kg.models.scorers.sets.networks import NAMES, Networks, fit
+from wordcraft_kg.models.scorers.sets.networks import Networks, fit
 from wordcraft_kg.models.scorers.sets.scorer import LIMIT
 from wordcraft_kg.runs.checkpoints import Checkpoints
 
@@ -75,7 +75,9 @@ class FittedSets(NamedTuple):
         number = -1 if fold is None else fold
         committee = order.committee
         if fold is not None:
-            committee = committee.every(len(self.networks) - 1, fold)
+            num_folds = len(self.networks) - 1
+            # The networks that have not seen the fold.
+            committee = Networks(*(weights[fold::num_folds] for weights in committee))
         return {
             **self.networks[number].tensors("network."),
             **committee.tensors("committee."),
@@ -178,7 +180,7 @@ def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks
     lists = knowledge.lists
     generator = torch.Generator().manual_seed(seed)
     goal_amounts = knowledge.amounts[knowledge.goal_ids]
-    inputs = knowledge.inputs(goal_amounts, knowledge.words[knowledge.goal_ids])
+    inputs = knowledge.inputs(knowledge.goal_ids)
     num_ingredients = len(knowledge.ingredient_ids)
     options = [np.flatnonzero(column) for column in lists.has_part.T]
     # Padding is an ingredient behind the last, which is never allowed.
@@ -198,16 +200,14 @@ def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks
     banned = torch.from_numpy(np.where(can[is_lesson], 0, _NEVER).astype(np.float32))
     target = torch.from_numpy(is_target[is_lesson].astype(np.float32))
     target /= target.sum(1, keepdim=True)
-    starts = np.searchsorted(recipe, np.arange(len(lists.recipe_goals) + 1))
     goals = torch.from_numpy(lists.recipe_goals)
-    counts = torch.from_numpy(np.diff(starts))
-    first = torch.from_numpy(starts)
+    counts = torch.from_numpy(np.bincount(recipe, minlength=len(goals)))
+    # Lessons are in the order of recipes.
+    lessons_of_recipe = torch.arange(len(recipe)).split(counts.tolist())
 
     def loss_of(networks: Networks, rows: Tensor, drop: Callable[[Tensor], Tensor]) -> Tensor:
-        num_lessons = counts[rows]
-        place = torch.repeat_interleave(torch.arange(len(rows)), num_lessons)
-        starts_of_rows = torch.cumsum(num_lessons, 0) - num_lessons
-        lesson = torch.arange(len(place)) + (first[rows] - starts_of_rows)[place]
+        place = torch.repeat_interleave(torch.arange(len(rows)), counts[rows])
+        lesson = torch.cat([lessons_of_recipe[row] for row in rows.tolist()])
         scores = torch.nn.functional.pad(networks(inputs[goals[rows]], drop), (0, 1))
         if not len(place):
             # The mean of no lesson is no number; such recipes teach nothing.
@@ -229,18 +229,14 @@ def candidates_of(knowledge: SetKnowledge, network: Networks, recipes: Ids) -> l
         network: fitted to them.
         recipes: shape (n, 9).
     """
-    goals, of_recipe = np.unique(recipes[:, -1], return_inverse=True)
-    amounts = knowledge.amounts[goals]
-    words = knowledge.words[goals]
+    goals = np.unique(recipes[:, -1])
     with torch.no_grad():
-        scores = torch.log_softmax(network(knowledge.inputs(amounts, words)), 2).mean(0).numpy()
+        scores = torch.log_softmax(network(knowledge.inputs(goals)), 2).mean(0).numpy()
     results = []
-    order = np.argsort(of_recipe, kind="stable")
-    for row, goal_rows in enumerate(np.split(order, np.cumsum(np.bincount(of_recipe))[:-1])):
-        goal = knowledge.goal(amounts[row], words[row], scores[row], entity=goals[row])
-        sets, features = knowledge.candidates(goal)
+    for entity, log_network in zip(goals, scores, strict=True):
+        sets, features = knowledge.candidates(knowledge.goal(entity, log_network))
         # An ingredient that other recipes lack is in no candidate.
-        members = recipes[goal_rows, :-1]
+        members = recipes[recipes[:, -1] == entity, :-1]
         is_known = ((members < 0) | (knowledge.number_of[members] >= 0)).all(1)
         right = knowledge.numbers(members[is_known])
         is_right = (sets[:, None] == right[None]).all(2).any(1)
@@ -305,7 +301,7 @@ def fit_order(lessons: Sequence[Candidates], fold_of_lesson: Ids, seed: int) -> 
     if not len(useful):
         # No set of a train goal is among its candidates, so there is nothing to learn from: equal
         # scores keep the order of the search, and a right set is as rare as the train goals say.
-        level = Networks(*(torch.zeros_like(getattr(start, name)) for name in NAMES))
+        level = Networks(*map(torch.zeros_like, start))
         none_score = math.log(longest * (num_goals + 1))
         level_calibrations = (torch.tensor([1.0, none_score]),) * (num_folds + 1)
         return FittedOrder(level, mean, deviation, level_calibrations, (0.0,) * len(TOP))

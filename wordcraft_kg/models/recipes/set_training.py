@@ -57,7 +57,6 @@ from wordcraft_kg.models.scorers.sets.knowledge import (
 )
 from wordcraft_kg.models.scorers.sets.parts import (
     NO_PARTS,
-    PARSERS,
     Parts,
     parts_of_labels,
     read_parts,
@@ -76,11 +75,6 @@ _WITHOUT_WORDS = {
     ),
 }
 """Reasons and remedies for labels without a vector, by word vectors."""
-
-
-def trains_sets(settings: RecipeScorerConfig, graph: RecipeGraph) -> bool:
-    """Return whether the settings and the graph ask for a model of sets, not of pairs."""
-    return settings.parts is not None or bool((graph.sizes != 2).any())
 
 
 def word_vectors(features: str, labels: Sequence[str], *, allow_missing: bool) -> Vector:
@@ -110,11 +104,6 @@ def with_new_entities(
         ConfigError: if a label has no parts or words, or a part that the model's graph lacks.
     """
     shares = Parts.nothing(len(labels))
-    if parts not in (NO_PARTS, *PARSERS) and not Path(parts).is_file():
-        raise ConfigError(
-            f"no file '{parts}', the table of parts that the model was trained with; expected it "
-            f"for '{labels[0]}', which the graph lacks. Put the table back."
-        )
     if parts != NO_PARTS:
         amounts = parts_of_labels(parts, labels)
         for label, amounts_of_label in zip(labels, amounts, strict=True):
@@ -136,8 +125,9 @@ def with_new_entities(
         if features not in _WITHOUT_WORDS:
             raise
         names = ", ".join(f"'{label}'" for label in labels)
-        hint = nearest(labels[0], scorer.entities)
-        raise ConfigError(f"no words for {names}: {_WITHOUT_WORDS[features]}{hint}") from None
+        raise ConfigError(
+            f"no words for {names}: {_WITHOUT_WORDS[features]}{nearest(labels[0], scorer.entities)}"
+        ) from None
     return scorer.with_entities(labels, shares, words)
 
 
@@ -168,11 +158,9 @@ class SetsTraining(FitsTraining):
         graph = opened.graph
         allow_missing = settings.allow_missing
         self.parts = read_parts(self.source, graph.entities, allow_missing=allow_missing)
-        self.features = settings.features
-        if self.features == "auto":
-            # Parts are enough unless words are named.
-            has_parts = self.source != NO_PARTS
-            self.features = "one-hot" if has_parts else named("auto", graph.entities)
+        # Parts are enough unless words are named.
+        is_enough = settings.features == "auto" and self.source != NO_PARTS
+        self.features = "one-hot" if is_enough else named(settings.features, graph.entities)
         self.words = word_vectors(self.features, graph.entities, allow_missing=allow_missing)
         is_used = np.ones(graph.num_recipes, dtype=bool)
         if settings.kg == "partial":
@@ -228,9 +216,7 @@ class SetsTraining(FitsTraining):
         }
         write_scorer(run.path, SetScorer.kind, tensors, self.opened.graph)
         knowledge = SetKnowledge(self.recipes, self.parts.amounts, self.words)
-        fold_files: tuple[str, ...] = ()
         if self.folds is not None:
-            fold_files = (FOLDS_RECORD, FOLDS_TENSORS)
             self._write_folds(run.path, self.folds, fitted, knowledge.style_parts)
         metrics = SetMetrics(
             kg=settings.kg,
@@ -250,7 +236,7 @@ class SetsTraining(FitsTraining):
         return self.finish(
             run,
             metrics,
-            fold_files,
+            () if self.folds is None else (FOLDS_RECORD, FOLDS_TENSORS),
             f"A scorer of recipes as sets of the {metrics.kg} knowledge graph of {graph.name}",
             "Ranks sets of one to eight ingredients for a goal, and scores any set, with "
             "probabilities.",
@@ -298,10 +284,9 @@ def rows_of_sets(graph: RecipeGraph, is_used: Any) -> Ids:
         Rows (ingredients, padding -1, goal).
     """
     sets = graph.sets[is_used]
+    ingredients = np.where(sets[:, :-1] == graph.num_entities, NO_INGREDIENT, sets[:, :-1])
     rows = np.full((len(sets), MOST_INGREDIENTS + 1), NO_INGREDIENT, dtype=np.int64)
-    ingredients = sets[:, :-1]
-    is_padding = ingredients == graph.num_entities
-    rows[:, : ingredients.shape[1]] = np.where(is_padding, NO_INGREDIENT, ingredients)
+    rows[:, : ingredients.shape[1]] = ingredients
     rows[:, -1] = sets[:, -1]
     return rows
 

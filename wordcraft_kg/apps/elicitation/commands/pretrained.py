@@ -48,18 +48,16 @@ def encode(
     folder = out or Path("vectors") / graphs[0].name
     check_output(folder, force=force)
     check_extra("text")
+    further = [check_label(label, "`labels`") for label in split_labels(labels or [])]
     # Each label once, in order: books share entities, and a vector belongs to a label.
-    every = dict.fromkeys(chain.from_iterable(source.entities for source in graphs))
-    for label in split_labels(labels or []):
-        every[check_label(label, "`labels`")] = None
-    names = list(every)
+    names = list(dict.fromkeys(chain(*(source.entities for source in graphs), further)))
     from wordcraft_kg.apps.elicitation.encoder import encode_labels, write_vectors
     from wordcraft_kg.apps.elicitation.foreign_code import locate_model
 
     progress = output.progress("encoding", unit="label")
     vectors, hashes = encode_labels(names, locate_model("encoder", encoder), progress)
-    inputs = {f"graph {source.name}": source.hash for source in graphs[1:]}
-    inputs = {"graph": graphs[0].hash, **inputs, **hashes}
+    other_graphs = {f"graph {source.name}": source.hash for source in graphs[1:]}
+    inputs = {"graph": graphs[0].hash, **other_graphs, **hashes}
     vectors_folder = write_vectors(folder, names, vectors, inputs=inputs, force=force)
     size, dimensions = vectors.shape
     following = command_line("train-recipes", graph, "--features", vectors_folder)

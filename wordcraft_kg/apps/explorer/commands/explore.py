@@ -1,16 +1,16 @@
 """``wordcraft-kg explore``."""
 
+import os
+import sys
+import threading
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base import ConfigError, check_output
+from wordcraft_kg.base import check_output
 from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.cli.options import Book, Force, Paths
-
-if TYPE_CHECKING:
-    from wordcraft_kg.apps.explorer.explored import Explored
 
 GROUP = "In the browser"
 EXAMPLES = (
@@ -54,18 +54,23 @@ def explore(  # noqa: PLR0913 - parameters are the command's options
     """
     from wordcraft_kg.base.extras import check_extra
 
-    if export is None and force:
-        raise ConfigError("--force replaces an exported folder; add --export FOLDER.")
     check_extra("explore")
     from wordcraft_kg.apps.explorer.explored import Explored
 
     if export is not None:
+        from wordcraft_kg.apps.explorer.site import export_site
+
         # Before the work, which takes seconds.
         check_output(export, force=force)
-        _export(Explored.open(graph, model or (), run or ()), export, force, output)
+        site = export_site(Explored.open(graph, model or (), run or ()), export, force=force)
+        lines = [f"wrote {export}: {site.pages:,} pages   open {export / 'index.html'}"]
+        if site.skipped:
+            lines.append(f"skipped pages: {len(site.skipped):,}, named in site.json")
+        output.result(site, lines)
         return
-    from wordcraft_kg.apps.explorer.site import end_process, make_app
+    from wordcraft_kg.apps.explorer.site import make_app
     from wordcraft_kg.apps.web.serving import listen, serve
+    from wordcraft_kg.base.tensors import torch_threads
 
     # The port first: if it is taken, nobody waits for the work, which takes seconds.
     with listen(host, port) as listening:
@@ -75,18 +80,12 @@ def explore(  # noqa: PLR0913 - parameters are the command's options
 
         explored = Explored.open(graph, model or (), run or ())
         app = make_app(explored, host, allow_host or ())
-        serve(app, listening, started, in_browser=not no_browser)
-    end_process()
-
-
-def _export(explored: "Explored", out: Path, force: bool, output: Output) -> None:
-    from wordcraft_kg.apps.explorer.site import export_site
-
-    site = export_site(explored, out, force=force)
-    size = f"{site.bytes / 2**20:.1f} MiB"
-    largest = f"{site.largest / 2**10:.0f} KiB"
-    lines = [f"wrote {out}: {site.pages:,} pages, {size}, the largest {largest}"]
-    if site.skipped:
-        example = next(iter(site.skipped.items()))
-        lines.append(f"skipped pages: {len(site.skipped):,}, such as {example}")
-    output.result(site, [*lines, f"open {out / 'index.html'}"])
+        # More threads of torch would only compete: a table has ten rows.
+        with torch_threads(1):
+            serve(app, listening, started, in_browser=not no_browser)
+    # A thread that computes a page cannot be interrupted, and Python would wait for it. Nothing is
+    # lost: the server writes no files.
+    if threading.active_count() > 1:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)

@@ -1,11 +1,8 @@
 """Pages of entities: the list, an entity and its recipes; and the search by labels."""
 
 import unicodedata
-from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from functools import lru_cache
-from itertools import chain
 from typing import Literal
 
 import numpy as np
@@ -15,7 +12,7 @@ from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, num_pages, paging
 from wordcraft_kg.apps.explorer.predictor import PlacedRecipe, PredictedSlot, placed_recipes
 from wordcraft_kg.base import ConfigError, Count, Record
-from wordcraft_kg.evaluation.suggestions import Suggestion, is_set_model, suggest_sets
+from wordcraft_kg.evaluation.suggestions import is_set_model
 from wordcraft_kg.graphs import (
     COMBINES_WITH,
     COMPONENT_OF,
@@ -29,9 +26,6 @@ from wordcraft_kg.graphs import (
 from wordcraft_kg.models.scorers.features import EntityFeatures, glove_features
 from wordcraft_kg.models.scorers.link_evidence import Side
 
-EntityOrder = Literal["label", "layer", "recipes", "uses"]
-"""Ascending label or layer (entities that cannot be made come last), or descending number of
-recipes or uses."""
 ENTITIES_A_PAGE = 200
 NEAREST = 8
 """Similar entities on an entity's page."""
@@ -53,16 +47,14 @@ Use = Literal["makes", "uses"]
 
 
 class EntitiesState(PageState):
-    """Page settings: a filter and an order.
+    """Page settings: a search.
 
     Attributes:
-        q: text in the labels; empty for all entities.
-        sort: order, see :data:`EntityOrder`.
+        q: text in the labels, whatever its case and accents; empty for all entities.
         page: page number in the list.
     """
 
     q: str = ""
-    sort: EntityOrder = "label"
     page: int = 1
 
 
@@ -86,47 +78,20 @@ class EntityList(Record):
     """A page of the entities whose labels contain a text.
 
     Attributes:
-        wanted: the text; empty for all entities.
-        order: order of the entities.
         paging: which of them are on this page.
         entities: the entities on this page.
     """
 
-    wanted: str
-    order: EntityOrder
     paging: Paging
     entities: tuple[ListedEntity, ...]
 
 
-def list_entities(
-    graph: RecipeGraph, wanted: str = "", order: EntityOrder = "label", page: int = 1
-) -> EntityList:
-    """List entities page by page.
-
-    Args:
-        graph: graph with the entities.
-        wanted: text in the labels, whatever its case and accents; empty for all entities.
-        order: order of the entities; ties are in the order of labels.
-        page: page number, from 1.
-
-    Returns:
-        the entities on the page.
-
-    Raises:
-        ConfigError: if the list has no such page.
-    """
-    ids = _matching(graph, wanted)
+def _view_list(explored: Explored, state: EntitiesState) -> EntityList:
+    graph = explored.opened.graph
+    ids = _matching(graph, state.q)
+    shown = paging(len(ids), state.page, ENTITIES_A_PAGE)
+    listed_ids = np.array(ids[shown.rows], dtype=np.int64)
     layer = layers_of(graph)
-    keys: dict[str, Ids] = {
-        "label": ids,
-        # Layer -1 means that an entity cannot be made: the last place, not the first.
-        "layer": np.where(layer < 0, graph.num_entities, layer)[ids],
-        "recipes": -graph.recipe_counts[ids],
-        "uses": -graph.use_counts[ids],
-    }
-    shown = paging(len(ids), page, ENTITIES_A_PAGE)
-    # Ids are in the order of labels, so a stable sort breaks ties by label.
-    listed_ids = ids[np.argsort(keys[order], kind="stable")][shown.rows]
     rows = zip(
         graph.labels(listed_ids.tolist()),
         layer[listed_ids].tolist(),
@@ -135,8 +100,6 @@ def list_entities(
         strict=True,
     )
     return EntityList(
-        wanted=wanted,
-        order=order,
         paging=shown,
         entities=tuple(
             ListedEntity(label, at if at >= 0 else None, num_recipes, num_uses)
@@ -145,50 +108,30 @@ def list_entities(
     )
 
 
-def search_entities(graph: RecipeGraph, wanted: str, limit: int = 10) -> tuple[str, ...]:
-    """Return the labels that a text may mean.
-
-    Args:
-        graph: graph with the entities.
-        wanted: text in the labels, whatever its case and accents; empty for no entity.
-        limit: most labels to return.
-
-    Returns:
-        the label that equals the text, then labels that begin with it, that have it at the start of
-        a word, and that have it elsewhere; among these by descending use count. In the kitchen,
-        "BRE" gives bread and bread crumbs.
-    """
-    text = _folded(wanted)
-    if not text:
-        return ()
-    names = _folded_labels(graph)
-    use_counts = graph.use_counts
-
-    def key(i: int) -> tuple[bool, bool, bool, int, int]:
-        # False sorts before True: the better match first. The id at the end makes the order total.
-        name = names[i]
-        return (
-            name != text,
-            not name.startswith(text),
-            f" {text}" not in name,
-            -use_counts[i],
-            i,
-        )
-
-    return graph.labels(sorted(_matching(graph, wanted).tolist(), key=key)[:limit])
-
-
 def _folded(text: str) -> str:
     # NFKD separates accents from letters; the accents are then left out.
     letters = unicodedata.normalize("NFKD", text.strip().casefold())
     return "".join(letter for letter in letters if not unicodedata.combining(letter))
 
 
-def _matching(graph: RecipeGraph, wanted: str) -> Ids:
+def _matching(graph: RecipeGraph, wanted: str) -> Sequence[int]:
+    """Return the ids of the labels that a text may mean; all of them for an empty text.
+
+    The label that equals the text comes first, then labels that begin with it, that have it at the
+    start of a word, and that have it elsewhere; among these by descending use count. In the
+    kitchen, "BRE" gives bread and bread crumbs.
+    """
     text = _folded(wanted)
-    matches = [i for i, name in enumerate(_folded_labels(graph)) if text in name]
-    # The type for an empty list, of which NumPy would make floats.
-    return np.array(matches, dtype=np.int64)
+    if not text:
+        return range(graph.num_entities)
+    names = _folded_labels(graph)
+
+    def key(i: int) -> tuple[bool, bool, bool, int]:
+        # False sorts before True: the better match first.
+        name = names[i]
+        return name != text, not name.startswith(text), f" {text}" not in name, -graph.use_counts[i]
+
+    return sorted((i for i, name in enumerate(names) if text in name), key=key)
 
 
 # Four graphs, since tests and notebooks open several; a search asks for all labels at each key
@@ -204,14 +147,9 @@ def layers_of(graph: RecipeGraph) -> Ids:
     return layers(graph)
 
 
-def _view_list(explored: Explored, state: EntitiesState) -> EntityList:
-    return list_entities(explored.opened.graph, state.q, state.sort, state.page)
-
-
 def _exported_lists(explored: Explored) -> Iterator[EntitiesState]:
     pages = num_pages(explored.opened.graph.num_entities, ENTITIES_A_PAGE)
-    for order in ("label", "layer", "recipes", "uses"):
-        yield from (EntitiesState(sort=order, page=page) for page in range(1, pages + 1))
+    return (EntitiesState(page=page) for page in range(1, pages + 1))
 
 
 PAGE = Page("entities", EntitiesState, _view_list, title="Entities", exported=_exported_lists)
@@ -289,8 +227,8 @@ class EntityProfile(Record):
         model: name of the model; empty without one.
         has_seen_the_test_recipes: whether the model was trained on all recipes; False without a
             model.
-        slots: predictions for the queries in :data:`OPEN_SLOTS`; empty without a model.
-        suggested: recipes that a model of sets suggests for the entity; it has no slots.
+        slots: predictions for the queries in :data:`OPEN_SLOTS`; empty without a model, and for a
+            model of sets, which suggests recipes.
         nearest: most similar entities by the model; empty without a model.
         by_words: most similar entities by word vectors; None if no word of the label has a vector.
     """
@@ -304,21 +242,8 @@ class EntityProfile(Record):
     model: str
     has_seen_the_test_recipes: bool
     slots: tuple[PredictedSlot, ...]
-    suggested: tuple[Suggestion, ...]
     nearest: tuple[AlikeEntity, ...]
     by_words: tuple[AlikeEntity, ...] | None
-
-    @property
-    def held_out(self) -> int:
-        """Number of recipes outside the train part."""
-        counts = Counter(self.made_by.parts) + Counter(self.used_in.parts)
-        return counts["valid"] + counts["test"]
-
-    @property
-    def has_probabilities(self) -> bool:
-        """Whether any prediction has a probability."""
-        rows = chain.from_iterable(slot.best for slot in self.slots)
-        return any(row.probability is not None for row in rows)
 
 
 def _view(explored: Explored, state: EntityState) -> EntityProfile:
@@ -335,13 +260,8 @@ def _view(explored: Explored, state: EntityState) -> EntityProfile:
     by_words = _alike(graph.entities, near_by_words(words, entity))
     predictor = explored.predictor(state.model) if explored.models else None
     slots: tuple[PredictedSlot, ...] = ()
-    suggested: tuple[Suggestion, ...] = ()
     nearest: tuple[AlikeEntity, ...] = ()
-    if predictor is not None and is_set_model(predictor.model):
-        # A base entity may have no likely recipe.
-        with suppress(ConfigError):
-            suggested = suggest_sets(predictor.model, label, PREDICTED).suggestions
-    elif predictor is not None:
+    if predictor is not None and not is_set_model(predictor.model):
         scored = [predictor.slot(entity, relation, side) for relation, side in OPEN_SLOTS]
         slots = tuple(predictor.best(slot, top=PREDICTED) for slot in scored)
         nearest = _alike(graph.entities, predictor.evidence.roles.nearest(entity, NEAREST))
@@ -355,7 +275,6 @@ def _view(explored: Explored, state: EntityState) -> EntityProfile:
         model="" if predictor is None else predictor.name,
         has_seen_the_test_recipes=predictor is not None and predictor.has_seen_the_test_recipes,
         slots=slots,
-        suggested=suggested,
         nearest=nearest,
         by_words=by_words if words.known[entity] else None,
     )

@@ -7,19 +7,15 @@ from collections.abc import Iterator
 from operator import attrgetter
 
 from wordcraft_kg.agents.agent_records import TerminationReason
-from wordcraft_kg.agents.explanation import (
-    ExplainedTable,
-)
+from wordcraft_kg.agents.explanation import ExplainedTable
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.apps.explorer.explored import AskedDepth, AskedPart, Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.apps.explorer.pages.tasks import PAGE as TASKS, list_tasks
 from wordcraft_kg.base import ArtefactError, ConfigError, Count, Record, WordCraftKGError, whole
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import Recipe, RecipeGraph, TaskPart
+from wordcraft_kg.graphs import Recipe, TaskPart
 
-LISTED_SEEDS = 5
-"""Distractor seeds offered on the page, as many as the evaluation uses."""
 MOST_ROWS = 160
 """Maximum rows of slots on a page; large pages show only the best slots of each action."""
 
@@ -68,15 +64,13 @@ class AgentAtTable(Record):
     Attributes:
         run: name of the agent's run.
         checkpoint: weights that act; empty if the agent cannot act.
-        folds: number of folds of the agent's scorer; 0 without folds.
         explained: the actions; None if the agent cannot act.
         problem: reason why the agent cannot act.
     """
 
     run: str
-    checkpoint: str
-    folds: Count
-    explained: ExplainedTable | None
+    checkpoint: str = ""
+    explained: ExplainedTable | None = None
     problem: str = ""
 
 
@@ -84,107 +78,70 @@ class EpisodeView(Record):
     """A task, the entities on its table, and the actions of one or more agents there.
 
     Attributes:
-        runs: names of all runs, to choose from.
-        distractor_seeds: number of distractor seeds to choose from.
-        trained_with: number of distractors in the first agent's training.
         most_slots: most slots to list for each action.
         part: part of the task.
         depth: depth of the task, in crafts.
         distractors: number of distractors on the task's own table.
-        task: number of the task.
         tasks: number of tasks with this depth and part.
-        distractor_seed: seed of the distractors.
         terminations: termination reasons in the first agent's evaluation, by distractor seed; empty
             if the agent did not play this task, or played it with another number of distractors.
         start: labels of the task's starting ingredients.
         plans: plans that make the task's goal, as recipes in turn.
-        is_edited: whether the visitor changed goal, table or selection.
         goal: label of the goal.
         table: labels of the entities on the table.
         selection: label of the entity that is selected at the start; None for none.
-        agents: the agents; the others are compared with the first.
+        agents: the agents; the others are compared with the first, which acts.
     """
 
-    runs: tuple[str, ...]
-    distractor_seeds: Count
-    trained_with: Count
     most_slots: Count
     part: TaskPart
     depth: int
     distractors: Count
-    task: Count
     tasks: Count
-    distractor_seed: Count
     terminations: tuple[TerminationReason, ...]
     start: tuple[str, ...]
     plans: tuple[tuple[Recipe, ...], ...]
-    is_edited: bool
     goal: str
     table: tuple[str, ...]
     selection: str | None
     agents: tuple[AgentAtTable, ...]
 
-    @property
-    def first(self) -> ExplainedTable:
-        """The main agent's actions, with which other agents are compared."""
-        actions = self.agents[0].explained
-        assert actions is not None, "a problem of the first agent is an error"
-        return actions
-
 
 def _view(explored: Explored, state: EpisodeState) -> EpisodeView:
     """Return the page: a task of the main agent's world, and what each agent does at its table."""
     main_name, main_run = explored.followed(state.run)
-    tasks = explored.tasks_of(main_run)
     distractors = None if state.distractors < 0 else state.distractors
     # All agents act by the rules of one world, that of the first agent.
-    world = explored.world_of(explored.settings_of(tasks, state.part, state.depth, distractors))
+    world = explored.world_of(explored.settings_of(main_run, state.part, state.depth, distractors))
     # A dict, so that a run that is given twice is shown once; the first is shown above.
     other_runs = dict(explored.followed(name) for name in state.other if name)
     other_runs.pop(main_name, None)
     whole("task", state.task, 0, len(world.tasks) - 1)
     task = world.tasks[state.task]
     explained = _explained(main_run, world, state)
-    agents = [_agent(main_name, main_run, explained)]
+    agents = [AgentAtTable(main_name, main_run.agent().checkpoint, explained)]
     for name, run in other_runs.items():
         # A problem of another agent does not keep the first from acting.
         try:
-            agents.append(_agent(name, run, _explained(run, world, state)))
+            actions = _explained(run, world, state)
+            agents.append(AgentAtTable(name, run.agent().checkpoint, actions))
         except (ArtefactError, ConfigError) as error:
-            agents.append(
-                AgentAtTable(run=name, checkpoint="", folds=0, explained=None, problem=str(error))
-            )
+            agents.append(AgentAtTable(name, problem=str(error)))
     steps = sum(len(agent.explained.episode.steps) for agent in agents if agent.explained)
     terminations = _terminations(main_run, world, state.task)
     return EpisodeView(
-        runs=tuple(explored.runs),
-        distractor_seeds=max(LISTED_SEEDS, len(terminations)),
-        trained_with=tasks.distractors,
         most_slots=max(MOST_ROWS // steps, 4),
         part=world.config.part,
         depth=world.config.depth,
         distractors=world.config.num_distractors,
-        task=state.task,
         tasks=len(world.tasks),
-        distractor_seed=state.distractor_seed,
         terminations=terminations,
         start=task.start,
         plans=task.plans,
-        is_edited=state.is_edited,
         goal=explained.episode.goal,
         table=explained.table,
         selection=explained.episode.steps[0].selection,
         agents=tuple(agents),
-    )
-
-
-def _agent(name: str, run: FollowedRun, actions: ExplainedTable) -> AgentAtTable:
-    agent = run.agent()
-    return AgentAtTable(
-        run=name,
-        checkpoint=agent.checkpoint,
-        folds=agent.run.cross_fitted,
-        explained=actions,
     )
 
 
@@ -194,18 +151,13 @@ def _explained(run: FollowedRun, world: World, state: EpisodeState) -> Explained
     graph = world.graph
     if not state.is_edited:
         return explainer.task(state.task, state.distractor_seed)
-    goal = _label(graph, state.goal) if state.goal else int(world.tasks.goals[state.task])
+    goal = graph.id_of(state.goal) if state.goal else int(world.tasks.goals[state.task])
     # A visitor may change the goal alone, and keep the task's table.
-    table = [_label(graph, label) for label in state.labels]
+    table = [graph.id_of(label) for label in state.labels]
     if not table:
         table = explainer.tables.table(state.task, state.distractor_seed)
-    selection = [_label(graph, state.selection)] if state.selection else []
+    selection = [graph.id_of(state.selection)] if state.selection else []
     return explainer.table(goal, table, selection, like=state.task)
-
-
-def _label(graph: RecipeGraph, text: str) -> int:
-    """Return the entity of a typed label, without outer spaces unless the label has some."""
-    return graph.id_of(text if text in graph else text.strip())
 
 
 def _terminations(run: FollowedRun, world: World, task: int) -> tuple[TerminationReason, ...]:
@@ -237,5 +189,4 @@ PAGE = Page(
     "Episodes",
     exported=_exported,
     is_there=attrgetter("runs"),
-    is_live=lambda explored, state: explored.is_any_live(state.run, *filter(None, state.other)),
 )

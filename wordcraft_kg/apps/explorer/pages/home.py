@@ -4,11 +4,10 @@ import numpy as np
 
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState
-from wordcraft_kg.apps.explorer.predictor import LinkPredictor
+from wordcraft_kg.apps.explorer.pages.entities import layers_of
 from wordcraft_kg.base.records import Count, Hash, Record
-from wordcraft_kg.graphs import SplitSummary, TrainedOn, layers
+from wordcraft_kg.graphs import SplitSummary
 from wordcraft_kg.graphs.audit import split_summary
-from wordcraft_kg.models.scorers.cross_fitting import folds_of
 
 EXAMPLES = 12
 """Entities in each list of examples."""
@@ -16,26 +15,6 @@ EXAMPLES = 12
 
 class HomeState(PageState):
     """Page settings: none."""
-
-
-class ModelLine(Record):
-    """A model.
-
-    Attributes:
-        name: name on the pages.
-        command: command that made the model, such as ``train-complex``.
-        kg: recipes that the model was trained on.
-        train_sample: sample of the train recipes, in words; empty for all train recipes.
-        folds: number of folds; 0 if the model is not cross-fitted.
-        scores_recipes: whether the model scores recipes, not only links.
-    """
-
-    name: str
-    command: str
-    kg: TrainedOn
-    train_sample: str
-    folds: Count
-    scores_recipes: bool
 
 
 class Overview(Record):
@@ -52,7 +31,7 @@ class Overview(Record):
         split: summary of the split.
         most_used: entities in most recipes.
         furthest: entities that need most rounds, of those that can be made.
-        models: the models.
+        models: names of the models.
         runs: names of the runs.
     """
 
@@ -66,13 +45,13 @@ class Overview(Record):
     split: SplitSummary
     most_used: tuple[str, ...]
     furthest: tuple[str, ...]
-    models: tuple[ModelLine, ...]
+    models: tuple[str, ...]
     runs: tuple[str, ...]
 
 
 def _view(explored: Explored, _: HomeState) -> Overview:
     graph = explored.opened.graph
-    layer = layers(graph)
+    layer = layers_of(graph)
 
     def first(keys: np.ndarray) -> tuple[str, ...]:
         # Only positive keys: unused entities, the base (layer 0) and unreachable entities (-1) are
@@ -91,21 +70,8 @@ def _view(explored: Explored, _: HomeState) -> Overview:
         split=split_summary(explored.opened.split),
         most_used=first(graph.use_counts),
         furthest=first(layer),
-        models=tuple(map(_line, explored.models.values())),
+        models=tuple(explored.models),
         runs=tuple(explored.runs),
-    )
-
-
-def _line(predictor: LinkPredictor) -> ModelLine:
-    model = predictor.model
-    folds = folds_of(model.scorer)
-    return ModelLine(
-        name=predictor.name,
-        command=model.run.kind,
-        kg=model.kg,
-        train_sample=model.learned_from,
-        folds=folds.count if folds else 0,
-        scores_recipes=predictor.scores_recipes,
     )
 
 

@@ -1,17 +1,16 @@
 """Pages of predictions: a link (triple) with ranks and reasons, and what a pair makes."""
 
-import math
 from operator import attrgetter
+
+import numpy as np
 
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.apps.explorer.predictor import (
-    FilteredRank,
     LinkPredictor,
     PlacedRecipe,
+    PredictedEntity,
     PredictedSlot,
-    RankedLink,
-    ScoredLink,
     placed_recipes,
     recipes_giving,
 )
@@ -19,7 +18,8 @@ from wordcraft_kg.base import ConfigError, Record
 from wordcraft_kg.evaluation.scores import RecipeQuery, RecipeScoring, ScoredAnswer
 from wordcraft_kg.graphs import COMBINES_WITH, RELATIONS, Relation
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence
-from wordcraft_kg.models.scorers.link_evidence import LinkReason
+from wordcraft_kg.models.scorers.cross_fitting import whole_of
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 WITNESSES = 10
 """Maximum number of training links that support the link."""
@@ -29,8 +29,6 @@ RECIPES = 10
 """Maximum number of listed recipes that give the link."""
 RESULTS = 10
 """Listed results by a recipe scorer."""
-EXAMPLES = 4
-"""Example pairs: the first is shown by default, the page links to the others."""
 
 
 class LinkState(PageState):
@@ -49,7 +47,7 @@ class LinkState(PageState):
     model: str = ""
 
 
-class LinkProfile(ScoredLink):
+class LinkProfile(Record):
     """A model's prediction for a triple, with the book's recipes and the best tails and heads.
 
     Attributes:
@@ -57,10 +55,8 @@ class LinkProfile(ScoredLink):
         relation: name of the relation.
         tail: label of the tail.
         model: name of the model.
-        has_seen_the_test_recipes: whether the model was trained on all recipes.
-        as_tail: rank of the tail among all entities.
-        as_head: rank of the head among all entities.
-        reason: training links that support the link.
+        link: the tail as an answer for the head, with training links that support it.
+        head_rank: filtered rank of the head as an answer for the tail.
         outside: knowledge from outside the book that supports the link; empty if the model uses
             none.
         recipes: recipes that give the link, at most :data:`RECIPES`.
@@ -72,10 +68,8 @@ class LinkProfile(ScoredLink):
     relation: Relation
     tail: str
     model: str
-    has_seen_the_test_recipes: bool
-    as_tail: FilteredRank
-    as_head: FilteredRank
-    reason: LinkReason
+    link: PredictedEntity
+    head_rank: float
     outside: tuple[OutsideEvidence, ...]
     recipes: tuple[PlacedRecipe, ...]
     tails: PredictedSlot
@@ -88,7 +82,7 @@ def _view(explored: Explored, state: LinkState) -> LinkProfile:
     head, relation, tail = _triple(predictor, state)
     tails = predictor.slot(head, relation, "tail")
     heads = predictor.slot(tail, relation, "head")
-    link = predictor.ranked(tails, tail)
+    (link,) = predictor.answers(tails, np.array([tail]), WITNESSES)
     finder = predictor.outside
     recipes = recipes_giving(graph, head, relation, tail)[:RECIPES]
     return LinkProfile(
@@ -96,12 +90,8 @@ def _view(explored: Explored, state: LinkState) -> LinkProfile:
         relation=RELATIONS[relation],
         tail=graph.entities[tail],
         model=predictor.name,
-        has_seen_the_test_recipes=predictor.has_seen_the_test_recipes,
-        # The fields of a ScoredLink, of which link and profile are kinds.
-        **{name: getattr(link, name) for name in ScoredLink.__struct_fields__},
-        as_tail=link.rank,
-        as_head=heads.rank(head),
-        reason=predictor.evidence.reason(head, relation, tail, WITNESSES),
+        link=link,
+        head_rank=heads.ranks(np.array([head])).item(),
         outside=finder.of_link(head, RELATIONS[relation], tail) if finder else (),
         recipes=placed_recipes(predictor.split, recipes),
         tails=predictor.best(tails, top=CANDIDATES, witnesses=0, truth=0),
@@ -162,7 +152,6 @@ class PairProfile(Record):
         link: prediction for ``a combinesWith b``; None without a model.
         results: most plausible results, best first; None without a model, and for models that only
             score links.
-        examples: other pairs, by labels.
     """
 
     a: str
@@ -170,14 +159,13 @@ class PairProfile(Record):
     makes: tuple[PlacedRecipe, ...]
     model: str
     has_seen_the_test_recipes: bool
-    link: RankedLink | None
+    link: PredictedEntity | None
     results: tuple[ScoredAnswer, ...] | None
-    examples: tuple[tuple[str, ...], ...]
 
 
 def _view_pair(explored: Explored, state: PairState) -> PairProfile:
     graph = explored.opened.graph
-    (a, b), examples = _pair(explored, state)
+    a, b = _pair(explored, state)
     a_id = graph.id_of(a)
     b_id = graph.id_of(b)
     recipes = recipes_giving(graph, a_id, COMBINES_WITH, b_id)
@@ -185,8 +173,9 @@ def _view_pair(explored: Explored, state: PairState) -> PairProfile:
     link = None
     results = None
     if predictor is not None:
-        link = predictor.ranked(predictor.slot(a_id, COMBINES_WITH, "tail"), b_id)
-        if predictor.scores_recipes:
+        partners = predictor.slot(a_id, COMBINES_WITH, "tail")
+        (link,) = predictor.answers(partners, np.array([b_id]), 0)
+        if isinstance(whole_of(predictor.model.scorer), RecipeScorer):
             # The truth of all recipes is indexed once for each model.
             key = ("recipe scores", predictor.name)
             scoring = explored.once(key, lambda: RecipeScoring(predictor.model, predictor.outside))
@@ -200,34 +189,27 @@ def _view_pair(explored: Explored, state: PairState) -> PairProfile:
         has_seen_the_test_recipes=predictor is not None and predictor.has_seen_the_test_recipes,
         link=link,
         results=results,
-        examples=examples,
     )
 
 
-def _pair(
-    explored: Explored, state: PairState
-) -> tuple[tuple[str, str], tuple[tuple[str, ...], ...]]:
-    """Return the pair of the settings, or an example, and more examples, by labels."""
-    split = explored.opened.split
-    graph = explored.opened.graph
-    # A model has not seen the test recipes, so they make the better examples.
-    recipes = split.sets("test") if split.is_in("test").any() else graph.sets
-    # The first two ingredients; the padding of a recipe of one is no entity.
-    recipes = recipes[recipes[:, 1] != graph.num_entities]
-    # Evenly spread, because neighbouring recipes share an ingredient.
-    every = max(math.ceil(len(recipes) / EXAMPLES), 1)
-    pairs = [graph.labels(pair) for pair in recipes[::every, :2].tolist()]
-    examples = tuple(pairs[1:])
+def _pair(explored: Explored, state: PairState) -> tuple[str, str]:
+    """Return the pair of the settings, or an example, by labels."""
     if state.a and state.b:
-        return (state.a, state.b), examples
+        return state.a, state.b
     if state.a or state.b:
         raise ConfigError(
             "A pair has two ingredients, which may be equal; one ingredient is missing."
         )
-    if not pairs:
+    split = explored.opened.split
+    graph = explored.opened.graph
+    # A model has not seen the test recipes, so one of them makes the better example.
+    recipes = split.sets("test") if split.is_in("test").any() else graph.sets
+    # The first two ingredients; the padding of a recipe of one is no entity.
+    recipes = recipes[recipes[:, 1] != graph.num_entities]
+    if not len(recipes):
         raise ConfigError("The graph has no recipe, so there is no example pair.")
-    a, b = pairs[0]
-    return (a, b), examples
+    a, b = graph.labels(recipes[0, :2].tolist())
+    return a, b
 
 
 PAIR = Page(

@@ -1,5 +1,7 @@
 """The page with suggested recipes, to tick and to save as a file."""
 
+from functools import partial
+
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.base import ConfigError, Record
@@ -54,9 +56,12 @@ def _view(explored: Explored, state: SuggestionsState) -> SuggestionsProfile:
     predictor = explored.predictor(state.model or next(iter(names), ""))
     answer = None
     fault = ""
+    make = partial(suggest, predictor.model, Wish(state.goal or None, state.item or None), TOP)
+    is_for_book = not (state.goal or state.item)
     # The form stays for another wish.
     try:
-        answer = suggest(predictor.model, Wish(state.goal or None, state.item or None), TOP)
+        # 0.3 s for everyday, and more for larger books; any visitor may ask again.
+        answer = explored.once(("suggestions", predictor.name), make) if is_for_book else make()
     except ConfigError as error:
         fault = str(error)
     rows = answer.suggestions if answer is not None else ()

@@ -67,8 +67,6 @@ class TaskTable(Record):
         tasks: number of all tasks.
         is_complete: whether these are all existing tasks; otherwise a random sample.
         mixed: number of tasks outside all parts, because their recipes are of several parts.
-        goal: label of the chosen goal; empty for all goals.
-        won: which tasks are listed, by an agent's results.
         counts: number of tasks with the chosen goal, by an agent's results; empty if the agent has
             played none.
         paging: which tasks are on this page.
@@ -80,8 +78,6 @@ class TaskTable(Record):
     tasks: Count
     is_complete: bool
     mixed: Count
-    goal: str
-    won: Won
     counts: dict[Won, Count]
     paging: Paging
     rows: tuple[ListedTask, ...]
@@ -92,16 +88,12 @@ class ShownTasks(Record):
 
     Attributes:
         run: name of the agent's run; empty without an agent.
-        runs: names of all runs.
         missing: reason for missing results; empty if there are results, and without an agent.
-        usual: part shown by default.
         table: the tasks.
     """
 
     run: str
-    runs: tuple[str, ...]
     missing: str
-    usual: TaskPart
     table: TaskTable
 
 
@@ -174,8 +166,6 @@ def view_task_table(
         tasks=len(tasks),
         is_complete=tasks.is_complete,
         mixed=tasks.mixed,
-        goal=goal,
-        won=won,
         counts={kind: list(solved.values()).count(kind) for kind in kinds},
         paging=shown,
         rows=tuple(_listed(tasks, results[number], number) for number in listed[shown.rows]),
@@ -207,7 +197,7 @@ def list_tasks(explored: Explored, state: TasksState) -> ShownTasks:
     # Tasks need no agent; but a name without runs is an error that tells how to start with one.
     if explored.runs or state.run:
         name, run = explored.followed(state.run)
-    config = explored.settings_of(explored.tasks_of(run), state.part, state.depth)
+    config = explored.settings_of(run, state.part, state.depth)
     tasks = explored.plain_world(config).tasks
     missing = ""
     results: Outcomes = ()
@@ -221,9 +211,7 @@ def list_tasks(explored: Explored, state: TasksState) -> ShownTasks:
             results = explored.once(key, lambda: outcomes_of(tasks, episodes.values()))
     return ShownTasks(
         run=name,
-        runs=tuple(explored.runs),
         missing=missing,
-        usual=explored.usual_part(),
         table=view_task_table(tasks, results, goal=state.goal, won=state.success, page=state.page),
     )
 
@@ -252,5 +240,4 @@ PAGE = Page(
     title="Tasks",
     # Only the first page for each agent: all pages would be too many files.
     exported=lambda explored: [TasksState(run=name) for name in ("", *explored.runs)],
-    is_live=lambda explored, state: bool(explored.runs) and explored.is_any_live(state.run),
 )

@@ -37,7 +37,11 @@
       .sort(([a], [b]) => rank(folded(a), text) - rank(folded(b), text)).slice(0, 10)
       .map(([label, file]) => [label, new URL(file, new URL(form.dataset.file, document.baseURI)).href]);
   };
-  const onServer = async (text) => (await fetch(`${form.dataset.search}?q=${encodeURIComponent(text)}`)).json();
+  const onServer = async (text) => {
+    const { entities } = await (await fetch(`${form.action}?q=${encodeURIComponent(text)}&format=json`)).json();
+    // In the query, as some labels fit no path.
+    return entities.slice(0, 10).map(({ entity }) => [entity, `/entity?entity=${encodeURIComponent(entity)}`]);
+  };
   const find = form.dataset.file ? inFile : onServer;
   form.hidden = false;
 

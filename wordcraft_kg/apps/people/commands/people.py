@@ -14,7 +14,7 @@ from wordcraft_kg.cli.console import Flag, Output, aligned, whole_numbers
 from wordcraft_kg.cli.options import Book, Force
 
 if TYPE_CHECKING:
-    from wordcraft_kg.apps.people.study import ReadStudy, Session, TableKey
+    from wordcraft_kg.apps.people.study import Session, TableKey
     from wordcraft_kg.apps.people.summary import (
         AgentGame,
         AnswerRate,
@@ -151,20 +151,19 @@ def people_summary(
     if force:
         raise ConfigError("--force replaces an exported file; add --export FILE.")
     sources = {path: read_study(path) for path in studies}
-    if len(sources) < len(studies):
-        raise ConfigError("a path is given twice; give each path once.")
-    sessions = list(chain.from_iterable(study.sessions for study in sources.values()))
+    sessions = list(chain.from_iterable(sources.values()))
     view = view_people(sources, _compared(run or [], sessions))
     output.result(view, _text(view))
 
 
-def _exported(study: "ReadStudy", out: Path, force: bool) -> tuple[dict[str, Any], list[str]]:
-    lines = as_lines(study.lines())
+def _exported(
+    sessions: "list[Session]", out: Path, force: bool
+) -> tuple[dict[str, Any], list[str]]:
+    lines = as_lines(chain.from_iterable(session.lines() for session in sessions))
     with staged_file(out, force=force) as path:
         path.write_text("".join(lines), encoding="utf-8")
-    people = len(study.answers)
-    view = {"out": str(out), "people": people, "answers": len(lines)}
-    return view, [f"wrote {out}: answers: {len(lines):,}, people: {people:,}"]
+    view = {"out": str(out), "people": len(sessions), "answers": len(lines)}
+    return view, [f"wrote {out}: answers: {len(lines):,}, people: {len(sessions):,}"]
 
 
 def _compared(
@@ -180,9 +179,10 @@ def _compared(
 
 
 def _text(view: "HumanSummary") -> Iterator[str]:
-    yield f"{view.graph}; sessions: {view.sessions}, finished: {view.finished}"
+    begun = sum(condition.sessions for condition in view.conditions)
+    finished = sum(condition.finished for condition in view.conditions)
+    yield f"{view.graph}; sessions: {begun}, finished: {finished}"
     rows = []
-    has_notes = False
     for condition in view.conditions:
         amount = counted(condition.distractors, "distractor")
         for part, row in condition.parts.items():
@@ -195,10 +195,8 @@ def _text(view: "HumanSummary") -> Iterator[str]:
                     f"rate {agent.rate:.3f} {_interval(agent.interval)}"
                 )
                 rows.append((f"  {name}", shown.rstrip()))
-            has_notes |= bool(row.people_interval or row.agents)
     yield from aligned(rows)
-    if has_notes:
-        yield from NOTE
+    yield from NOTE
 
 
 def _metrics(row: "AnswerRate") -> str:

@@ -58,14 +58,16 @@ def bench_list(*, output: Output = Output()) -> None:
         yield "players"
         yield from aligned([(f"  {name}", about) for name, about in kinds.items()])
 
-    # Text names the endings once; programs get each full name.
     view = {
         "benchmark": manifest.name,
         "hash": manifest_hash,
         "date": manifest.date,
         "tracks": tracks,
+        # Text names the endings once; programs get each full name.
+        "names": manifest.names,
+        "players": kinds,
     }
-    output.result({**view, "names": manifest.names, "players": kinds}, text())
+    output.result(view, text())
 
 
 def bench_run(  # noqa: PLR0913 - parameters are the command's options
@@ -135,9 +137,9 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
         is_replacing = submission.check_folder(out, games, is_program=is_program, force=force)
         with results.continuable(messages):
             settings = benchmark_players.RunSettings(
-                messages, look_ups, timeout, weights, is_replacing, base_url, parallel
+                messages, look_ups, timeout, is_replacing, base_url, parallel
             )
-            kind, entrant = benchmark_players.enter(benchmark_track, player, settings)
+            kind, entrant = benchmark_players.enter(benchmark_track, player, settings, weights)
         if tokens and entrant.tokens is not None:
             raise ConfigError(
                 f"`tokens`: the log of '{player[:100]}' has its own numbers. Leave the option out."
@@ -156,8 +158,8 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
             # a folder here is from the player of a submission that was replaced.
             shutil.rmtree(messages, ignore_errors=True)
     rank = benchmark.rank_text(benchmark_track.name, entry.figures.mean)
-    view = {"out": str(out), "submission": entry, "rank": rank}
     lines = [*submission.result_lines(entry), *filter(None, [rank])]
+    view = {"out": str(out), "submission": entry, "rank": rank}
     output.result(view, [*lines, f"wrote {out}/   next: wordcraft-kg bench verify {out}"])
 
 

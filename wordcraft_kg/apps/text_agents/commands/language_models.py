@@ -5,24 +5,23 @@ import sys
 from contextlib import ExitStack
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, GameSettings, LookUps
+from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, KnowledgeKind, LookUps
 from wordcraft_kg.base import (
     MAX_SIZE,
     ConfigError,
     check_output_file,
     counted,
     number_in,
-    one_of,
     whole,
 )
 from wordcraft_kg.base.extras import check_extra
-from wordcraft_kg.cli.console import Output, split_labels, whole_numbers
+from wordcraft_kg.cli.console import Flag, Output, split_labels, whole_numbers
 from wordcraft_kg.cli.options import Book, Force, Words
-from wordcraft_kg.graphs import MAX_DEPTH, open_graph
+from wordcraft_kg.graphs import TaskPart, open_graph
 
 if TYPE_CHECKING:
     from mcp.server import MCPServer
@@ -52,7 +51,7 @@ EXAMPLES = {
         "wordcraft-kg serve openenv --track craft-8-lite --out games.jsonl",
     ),
 }
-Parts = Literal["train", "valid", "test"]
+_OWN_GAMES = "--track has its own games; omit the graph and the options of games but --knowledge."
 _MOST_SESSIONS = 10_000
 _LONGEST_IDLE = 86_400.0
 
@@ -61,10 +60,12 @@ def _kinds_of_games(
     depth: list[str] | None, distractors: list[str] | None
 ) -> list[tuple[int, int]]:
     """Return each depth with each number of distractors, from the options of these names."""
-    depths = whole_numbers("depth", depth or ["1"])
-    for task_depth in depths:
-        whole("depth", task_depth, 1, MAX_DEPTH)
-    return list(product(depths, whole_numbers("distractors", distractors or ["8"])))
+    return list(
+        product(
+            whole_numbers("depth", depth or ["1"]),
+            whole_numbers("distractors", distractors or ["8"]),
+        )
+    )
 
 
 def chats(  # noqa: PLR0913 - parameters are the command's options
@@ -120,9 +121,8 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     number_in("mistakes", mistakes, 0, 0.9, "a probability from 0 to 0.9")
     from wordcraft_kg.apps.text_agents import benchmark_players, plays
     from wordcraft_kg.apps.text_agents.chats import (
-        ChatCounts,
-        ChatSettings,
         chat_rows,
+        new_counts,
         recipe_scorer,
         write_chats,
     )
@@ -131,11 +131,20 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     source = open_graph(graph)
     games = [plays.open_play(graph, "train", *kind, attempts) for kind in kinds]
     title, played_by = benchmark_players.named_player(player, source, games[0].world.tasks)
-    limits = plays.read_range(difficulty)
-    settings = ChatSettings(style, keep, tables, tasks, mistakes, seed, limits)
-    counts = ChatCounts()
-    scorer = None if reasons is None else recipe_scorer(reasons, source)
-    rows = chat_rows(games, played_by, settings, counts, scorer)
+    counts = new_counts()
+    rows = chat_rows(
+        games,
+        played_by,
+        counts,
+        style=style,
+        keep=keep,
+        tables=tables,
+        tasks=tasks,
+        mistakes=mistakes,
+        seed=seed,
+        difficulty=plays.read_range(difficulty),
+        scorer=None if reasons is None else recipe_scorer(reasons, source),
+    )
     digest = write_chats(out, rows, force=force)
     view = {
         "out": str(out),
@@ -144,13 +153,14 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
         "prompts": games[0].settings.prompt_hash,
         "player": title,
         "sha256": digest,
-        "counts": vars(counts),
+        "counts": counts,
     }
     output.result(
         view,
         [
-            f"{counted(counts.written, 'conversation')} of {counted(counts.played, 'game')} by "
-            f"{title}; left out: {counts.left_out:,} not to be kept, {counts.repeated:,} repeated",
+            f"{counted(counts['written'], 'conversation')} of {counted(counts['played'], 'game')} "
+            f"by {title}; left out: {counts['left_out']:,} not to be kept, "
+            f"{counts['repeated']:,} repeated",
             f"wrote {out}",
         ],
     )
@@ -159,7 +169,15 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
 def mcp(  # noqa: PLR0913 - parameters are the command's options
     graph: Book = "everyday",
     *,
-    settings: Annotated[GameSettings, Parameter(name="*", group="Games")] = GameSettings(),
+    part: TaskPart = "test",
+    depth: int = 1,
+    distractors: int = 8,
+    attempts: int | None = None,
+    open_ended: Flag = False,
+    base: Words = None,
+    knowledge: KnowledgeKind = "none",
+    scorer: Path | None = None,
+    look_ups: int = LOOK_UPS,
     track: str | None = None,
     transport: Literal["stdio", "http"] = "stdio",
     host: str = "127.0.0.1",
@@ -175,7 +193,16 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
 
     Args:
         graph: graph folder, recipe book or known book's name.
-        settings: the games.
+        part: tasks to play: train, valid, test or all.
+        depth: fewest attempts that solve a task, 1 to 5.
+        distractors: entities on the table that no plan needs.
+        attempts: attempts in a game. Default: depth; 100 in the open-ended world.
+        open_ended: discover as many entities as possible from the base, without tasks.
+        base: comma-separated initial entities, with --open-ended. Default: the graph's base.
+        knowledge: look-up source: none, partial (train recipes that do not make the goal from the
+            table) or scorer (best links by --scorer).
+        scorer: model folder, for --knowledge scorer.
+        look_ups: look-ups in a game.
         track: track of the benchmark, such as craft-8-lite, instead of other games; fits with
             --knowledge only.
         transport: stdio, for a local client that starts the server, or http.
@@ -191,8 +218,15 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
         raise ConfigError(
             "--json: stdout is reserved for the protocol; omit --json, or add --transport http."
         )
+    open_ended = open_ended or base is not None
+    if open_ended and (part, depth, distractors) != ("test", 1, 8):
+        raise ConfigError("--open-ended has no tasks; omit --part, --depth and --distractors.")
+    game_options = (graph, part, depth, distractors, attempts, open_ended, scorer, look_ups)
+    defaults = ("everyday", "test", 1, 8, None, False, None, LOOK_UPS)
+    if track is not None and game_options != defaults:
+        raise ConfigError(_OWN_GAMES)
     check_extra("mcp")
-    from wordcraft_kg.apps.text_agents import benchmark, conversation, mcp_server, results
+    from wordcraft_kg.apps.text_agents import benchmark, conversation, mcp_server, plays, results
     from wordcraft_kg.apps.web.serving import listen, serve
 
     with ExitStack() as stack:
@@ -201,7 +235,23 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
         if transport == "http":
             listening = stack.enter_context(listen(host, port))
         # Tools reject an invalid call, and the client asks again; so it never costs an attempt.
-        play = benchmark.choose_games(graph, settings, track, max_invalid=conversation.NEVER)
+        rules: dict[str, Any] = {
+            "max_invalid": conversation.NEVER,
+            "knowledge": knowledge,
+            "scorer": scorer,
+            "look_ups": look_ups,
+        }
+        if track is not None:
+            play = benchmark.open_track(track).play(**rules)
+        elif open_ended:
+            play = plays.DiscoveryGames(
+                open_graph(graph),
+                attempts=attempts,
+                base=split_labels(base) if base else None,
+                **rules,
+            )
+        else:
+            play = plays.open_play(graph, part, depth, distractors, attempts, **rules)
         hosted = mcp_server.HostedGames(play)
         if out is not None:
             header = results.GamesHeader(player="MCP clients", settings=hosted.play.settings)
@@ -268,8 +318,8 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
 
     Args:
         graph: graph folder, recipe book or known book's name.
-        part: comma-separated parts of the split that clients may play: train, valid, test. Tasks of
-            other parts are refused. Default: train.
+        part: comma-separated parts of the split that clients may play: train, valid, test, all.
+            Tasks of other parts are refused. Default: train.
         depth: comma-separated depths of tasks, 1 to 5. Default: 1.
         distractors: comma-separated numbers of distractors on a table. Default: 8.
         attempts: attempts in a game. Default: the task's depth.
@@ -293,9 +343,8 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
     """
     whole("sessions", sessions, 1, _MOST_SESSIONS)
     number_in("idle", idle, 1, _LONGEST_IDLE, f"seconds, 1 to {_LONGEST_IDLE:,.0f}")
-    parts = list(dict.fromkeys(split_labels(part or ["train"])))
-    for name in parts:
-        one_of("part", name, get_args(Parts))
+    # `open_play` checks the names.
+    parts: list[Any] = list(dict.fromkeys(split_labels(part or ["train"])))
     kinds = _kinds_of_games(depth, distractors)
     game_options = (graph, part, depth, distractors, attempts, difficulty, reward, look_ups)
     if track is not None and game_options != (
@@ -308,9 +357,7 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
         "sparse",
         LOOK_UPS,
     ):
-        raise ConfigError(
-            "--track has its own games; omit the graph and the options of games but --knowledge."
-        )
+        raise ConfigError(_OWN_GAMES)
     if out is not None and len(parts) * len(kinds) > 1:
         raise ConfigError(
             "`out`: a file of games has one part, depth and number of distractors; give one of "

@@ -21,7 +21,7 @@ buffers, which are in the folders of existing policies.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 from wordcraft_kg.base.registry import Registry
 
@@ -159,7 +159,5 @@ def label_of(name: str) -> Label:
         KeyError: if no source has this name.
     """
     name = short_name(name)
-    if name == ALPHA.name:
-        return ALPHA
-    label: Label = BUILT_IN[name] if name in BUILT_IN else SOURCES[name].label
-    return label
+    labels = {ALPHA.name: ALPHA, **BUILT_IN}
+    return labels[name] if name in labels else cast("Label", SOURCES[name].label)

@@ -39,7 +39,6 @@ _BEAM = 16
 _MOST_SETS = 256
 """Most sets of a table that are kept; others count by their score alone."""
 _MOST_TABLES = 8_192
-_PAIR = 2
 _Scores = NDArray[np.float32]
 
 
@@ -200,7 +199,8 @@ class BestSet(FoldedSource):
         table = states.table[0].cpu().numpy()
         selection = [entity for entity in states.selection.flatten().tolist() if entity != nothing]
         entities = sorted({*table.tolist(), *selection} - {nothing})
-        sizes = range(_PAIR, _PAIR + 1)
+        # Without the action to combine, recipes are pairs.
+        sizes = range(2, 3)
         if states.has_combine:
             sizes = range(1, states.selection.shape[1] + 1)
         attempts = [number for part in self.attempts(states) for number in part.flatten().tolist()]
@@ -293,25 +293,22 @@ class BestRecipe(FoldedSource):
         return self._kept_pair_scores(states, models).masked_fill(~counts[:, None, None], 0)
 
     def forward(self, states: States) -> Tensor:  # noqa: D102 - inherited
-        selection, table = states.selection, states.table
+        slots = states.table.shape[1]
         nothing = self.num_entities
+        # A caller may select an entity that is not on the table.
+        states = states.with_selections_on_table(nothing)
+        table = states.table
         models, counts = self.counted_models(states)
         scores = self._kept_pair_scores(states, models)
-        is_first = selection == nothing
         # First action: the best partner on the table.
         best = scores.amax(-1)
+        is_first = states.selection[:, None] == nothing
         if not is_first.all():
             # Second action: the row of the selection, wherever it lies on the table.
-            is_selected = (table == selection[:, None]) & ~is_first[:, None]
+            is_selected = (table == states.selection[:, None]) & ~is_first
             place = is_selected.int().argmax(1)[:, None, None].expand(-1, 1, table.shape[1])
-            best = best.where(is_first[:, None], scores.gather(1, place)[:, 0])
-            is_absent = ~is_first & ~is_selected.any(1)
-            if is_absent.any():
-                # A caller may select an entity that is not on the table: it gets a slot at the end.
-                wider = states._replace(table=torch.cat([table, selection[:, None]], dim=1))
-                with_absent = self.pair_scores(wider, models)[:, -1, :-1]
-                best = best.where(~is_absent[:, None], with_absent)
-        return best.masked_fill((table == nothing) | ~counts[:, None], 0)
+            best = best.where(is_first, scores.gather(1, place)[:, 0])
+        return best.masked_fill((table == nothing) | ~counts[:, None], 0)[:, :slots]
 
     def evidence(self, states: States) -> tuple[Evidence | None, ...]:  # noqa: D102 - inherited
         goal, selection, table, *_ = states

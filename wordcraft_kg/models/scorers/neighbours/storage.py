@@ -26,7 +26,7 @@ from threadpoolctl import threadpool_limits
 from torch import Tensor, nn
 
 from wordcraft_kg.base.tensors import check_tensors, largest, torch_threads
-from wordcraft_kg.graphs import RELATIONS, Ids, recipe_keys
+from wordcraft_kg.graphs import RELATIONS, Ids
 from wordcraft_kg.models.scorers.neighbours.links import LINK_FEATURES, OF_COMBINES, OF_COMPONENTS
 from wordcraft_kg.models.scorers.neighbours.lists import Lists, make_lists
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import ENCODER, PairEncoder
@@ -372,15 +372,6 @@ class StoredKnowledge(nn.Module):
         names = ("vectors", "near_words", "recipes", "seen")
         if all(torch.equal(getattr(self, name), getattr(other, name)) for name in names):
             self._lists = other._lists
-
-    def knows(self, recipes: Tensor, model: int) -> Tensor:
-        """Return a mask of the recipes, ids (n, 3), in a model's training data, shape (n,)."""
-        # A number for each recipe, in which the ingredients' order is lost.
-        keys, known_keys = (
-            recipe_keys(*rows.long().cpu().numpy().T, num_entities=len(self.vectors))
-            for rows in (recipes, self.recipes[self.seen[model]])
-        )
-        return torch.from_numpy(np.isin(keys, known_keys)).to(recipes.device)
 
     def ids(self, entities: Tensor) -> Ids:
         """Return ids for compiled loops, which check no bounds: -1 for E, the empty slot.

@@ -205,9 +205,10 @@ class SetKnowledge:
         numbers.sort(axis=1)
         return np.where(numbers == _BEHIND, NO_INGREDIENT, numbers)
 
-    def inputs(self, amounts: Vector, words: Vector) -> torch.Tensor:
-        """Return what the network sees of goals, shape (n, 2 P + D)."""
-        columns = [np.sqrt(amounts), amounts > 0, words]
+    def inputs(self, goals: Ids) -> torch.Tensor:
+        """Return what the network sees of goals, ids (n,): shape (n, 2 P + D)."""
+        amounts = self.amounts[goals]
+        columns = [np.sqrt(amounts), amounts > 0, self.words[goals]]
         return torch.from_numpy(np.concatenate(columns, axis=1)).float()
 
     def allowed(self, amounts: Vector) -> Flags:
@@ -247,34 +248,31 @@ class SetKnowledge:
 
     def goal(
         self,
-        amounts: Vector,
-        words: Vector,
+        entity: int,
         log_network: Vector,
         *,
-        entity: int = NO_INGREDIENT,
         has_coverage: bool = True,
     ) -> GoalEvidence:
         """Ask train recipes about a goal.
 
         Args:
-            amounts: its parts, shape (P,).
-            words: its unit vector, shape (D,).
+            entity: its id.
             log_network: scores of ingredients by the network, shape (N,).
-            entity: the goal's id, which is no ingredient of itself; -1 for a new one.
             has_coverage: whether ingredients may bring no part that the goal lacks.
         """
-        lists = self.lists
+        amounts = self.amounts[entity]
         cosines = np.ones(len(self.goal_ids), dtype=np.float32)
-        if words.size:
-            cosines = self._goal_words @ words
+        if self.words.size:
+            cosines = self._goal_words @ self.words[entity]
         similarity = np.empty((NUM_KERNELS, len(self.goal_ids)), dtype=np.float32)
-        set_votes = np.zeros((NUM_KERNELS, len(lists.sets)), dtype=np.float32)
+        set_votes = np.zeros((NUM_KERNELS, len(self.lists.sets)), dtype=np.float32)
         votes = np.zeros((NUM_KERNELS, len(self.ingredient_ids)), dtype=np.float32)
-        vote(lists, amounts, cosines, similarity, set_votes, votes)
+        vote(self.lists, amounts, cosines, similarity, set_votes, votes)
         is_allowed = np.ones(votes.shape[1], dtype=bool)
         if has_coverage:
             is_allowed = self.allowed(amounts[None])[0]
-        if entity >= 0 and self.number_of[entity] >= 0:
+        if self.number_of[entity] >= 0:
+            # A goal is no ingredient of itself.
             is_allowed[self.number_of[entity]] = False
         parts = np.flatnonzero(amounts > 0)
         keys = parts[self.is_key[parts]]
@@ -315,13 +313,9 @@ class SetKnowledge:
         Returns:
             sets, shape (n, 8), and features, shape (n, F); n = 0 if nothing is allowed.
         """
-        sets = np.full((_BEAM, MOST_INGREDIENTS), NO_INGREDIENT, dtype=np.int64)
-        num_sets = 0
-        if goal.missing < 0 and len(goal.keys):
-            log_sizes = goal.log_sizes[: 0 if self.has_parts else None]
-            top = _TOP if self.has_parts else _TOP_OF_ALL
-            log_again = self._log_again[np.append(goal.keys, goal.spares)]
-            num_sets = search(self.lists, goal.keys, goal.shares, log_again, log_sizes, top, sets)
+        top = _TOP if self.has_parts else _TOP_OF_ALL
+        parts = np.append(goal.keys, goal.spares)
+        searched_sets = self._searched(goal, parts, goal.shares, top)
         near = np.argsort(-goal.set_votes[0], kind="stable")[:_NEAR_SETS]
         near_sets = self.lists.sets[near]
         is_in = near_sets >= 0
@@ -329,7 +323,7 @@ class SetKnowledge:
         if has_coverage:
             brings = (self.lists.has_part[near_sets][..., goal.keys] & is_in[..., None]).any(1)
             fits &= np.all(brings, axis=1)
-        sets = np.unique(np.concatenate([sets[:num_sets], near_sets[fits]]), axis=0)
+        sets = np.unique(np.concatenate([searched_sets, near_sets[fits]]), axis=0)
         sets = sets[np.array([is_allowed(row) for row in sets], dtype=bool)]
         if not len(sets):
             return sets, np.empty((0, self.num_features), dtype=np.float32)
@@ -349,14 +343,28 @@ class SetKnowledge:
         Returns:
             shape (n, 8), numbers of ingredients.
         """
+        votes = np.tile(self.counts, (NUM_KERNELS, 1))
+        shares, _ = self._shares(goal.keys, goal.is_allowed, votes, np.log(self.counts))
+        return self._searched(goal, goal.keys, shares, _TOP)
+
+    def _searched(self, goal: GoalEvidence, parts: Ids, shares: Vector, top: int) -> Ids:
+        """Return the best sets that cover all key parts of a goal, by numbers of ingredients.
+
+        Args:
+            goal: from :meth:`goal`.
+            parts: its key parts, and parts that recipes lose.
+            shares: log shares of ingredients for these parts, shape (4, parts, N).
+            top: most ingredients that are tried for a part.
+
+        Returns:
+            shape (n, 8); n = 0 if no train recipe brings a key part.
+        """
         sets = np.full((_BEAM, MOST_INGREDIENTS), NO_INGREDIENT, dtype=np.int64)
         if goal.missing >= 0 or not len(goal.keys):
             return sets[:0]
-        votes = np.tile(self.counts, (NUM_KERNELS, 1))
-        shares, _ = self._shares(goal.keys, goal.is_allowed, votes, np.log(self.counts))
         log_sizes = goal.log_sizes[: 0 if self.has_parts else None]
-        log_again = self._log_again[goal.keys]
-        return sets[: search(self.lists, goal.keys, shares, log_again, log_sizes, _TOP, sets)]
+        log_again = self._log_again[parts]
+        return sets[: search(self.lists, goal.keys, shares, log_again, log_sizes, top, sets)]
 
     def _shares(
         self, keys: Ids, is_allowed: Flags, votes: Vector, log_network: Vector

@@ -15,8 +15,7 @@ from wordcraft_kg.models.scorers.neighbours.compiled import compiled
 
 WIDTHS = ((0.1, 0.15), (0.3, 0.5), (0.05, 0.08))
 """Widths of the kernels: of kinds of parts and words, and of amounts."""
-_KINDS = np.array([width for width, _ in WIDTHS], dtype=np.float32)
-_AMOUNTS = np.array([width for _, width in WIDTHS], dtype=np.float32)
+_WIDTHS = np.array(WIDTHS, dtype=np.float32)
 NUM_KERNELS = len(WIDTHS)
 _SWEEPS = 20
 """Rounds over a set's ingredients in which their amounts come to rest."""
@@ -47,18 +46,6 @@ class SetLists(NamedTuple):
 
 
 @compiled
-def are_equal(row, sets, number):  # type: ignore[no-untyped-def]
-    """Return whether a set is the one of a number.
-
-    Args:
-        row: the set, shape (8,).
-        sets: shape (n, 8).
-        number: its row.
-    """
-    return not np.any(row != sets[number])
-
-
-@compiled
 def write_with(ingredient, size, row):  # type: ignore[no-untyped-def]
     """Add an ingredient to a set, in ascending order.
 
@@ -86,10 +73,7 @@ def vote(lists, amounts, cosines, similarity, set_votes, votes):  # type: ignore
         set_votes: zeros, shape (3, S), are written.
         votes: zeros, shape (3, N), are written.
     """
-    num_parts = 0
-    for part in range(len(amounts)):
-        if amounts[part] > 0:
-            num_parts += 1
+    num_parts = np.sum(amounts > 0)
     for goal in range(len(lists.goal_starts) - 1):
         start = lists.goal_starts[goal]
         end = lists.goal_starts[goal + 1]
@@ -104,7 +88,7 @@ def vote(lists, amounts, cosines, similarity, set_votes, votes):  # type: ignore
         kinds = 1 - np.float32(common) / np.float32(union) + 1 - cosines[goal]
         for kernel in range(3):
             similarity[kernel, goal] = math.exp(
-                -kinds / _KINDS[kernel] - (1 - overlap) / _AMOUNTS[kernel]
+                -kinds / _WIDTHS[kernel, 0] - (1 - overlap) / _WIDTHS[kernel, 1]
             )
     for recipe in range(len(lists.recipe_goals)):
         goal = lists.recipe_goals[recipe]
@@ -175,9 +159,8 @@ def search(lists, keys, shares, log_again, log_sizes, top, sets):  # type: ignor
         count = 0
         for row in range(in_beam):
             size = beam_sizes[row]
-            is_covered = False
-            if not is_free and not is_again:
-                is_covered = bool(np.any(lists.has_part[beam[row, :size], keys[place]]))
+            is_first = not is_free and not is_again
+            is_covered = is_first and np.any(lists.has_part[beam[row, :size], keys[place]])
             if is_covered or is_again:
                 next_sets[count] = beam[row]
                 next_scores[count] = beam_scores[row]
@@ -199,7 +182,7 @@ def search(lists, keys, shares, log_again, log_sizes, top, sets):  # type: ignor
         for row in best:
             is_new = True
             for earlier in range(in_beam):
-                if are_equal(next_sets[row], beam, earlier):
+                if np.all(next_sets[row] == beam[earlier]):
                     is_new = False
                     break
             if is_new:
@@ -210,20 +193,19 @@ def search(lists, keys, shares, log_again, log_sizes, top, sets):  # type: ignor
                 if in_beam == beam_width:
                     break
         if is_free:
-            for row in range(in_beam):
-                finished[num_finished] = beam[row]
-                # A larger set has more ways in which its ingredients could come.
-                finished_scores[num_finished] = (
-                    beam_scores[row] + log_sizes[step] + math.lgamma(step + 2.0)
-                )
-                num_finished += 1
+            end = num_finished + in_beam
+            finished[num_finished:end] = beam[:in_beam]
+            # A larger set has more ways in which its ingredients could come.
+            finished_scores[num_finished:end] = (
+                beam_scores[:in_beam] + log_sizes[step] + math.lgamma(step + 2.0)
+            )
+            num_finished = end
     if not is_free:
         sets[:in_beam] = beam[:in_beam]
         return in_beam
     best = np.argsort(-finished_scores[:num_finished], kind="mergesort")
     num_sets = min(beam_width, num_finished)
-    for row in range(num_sets):
-        sets[row] = finished[best[row]]
+    sets[:num_sets] = finished[best[:num_sets]]
     return num_sets
 
 
@@ -244,8 +226,7 @@ def balance(members, parts, amounts, result):  # type: ignore[no-untyped-def]
     residual = np.empty(num_parts)
     for row in range(len(members)):
         weights = np.zeros(members.shape[1])
-        for part in range(num_parts):
-            residual[part] = amounts[part]
+        residual[:] = amounts
         for _ in range(_SWEEPS):
             for column in range(members.shape[1]):
                 product = 0.0
@@ -260,6 +241,7 @@ def balance(members, parts, amounts, result):  # type: ignore[no-untyped-def]
                 weight = max(weights[column] + product / square, 0.0)
                 step = weight - weights[column]
                 weights[column] = weight
+                # Number by number: a product of arrays would be made first, in five times the time.
                 for part in range(num_parts):
                     residual[part] -= step * members[row, column, part]
         result[row] = 0

@@ -2,16 +2,13 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-NAMES = ("first", "first_bias", "second", "second_bias")
 
-
-@dataclass(frozen=True, eq=False)
-class Networks:
+class Networks(NamedTuple):
     """A committee of M networks ``second · tanh(x first + first_bias) + second_bias``.
 
     Attributes:
@@ -53,15 +50,11 @@ class Networks:
     @classmethod
     def of(cls, tensors: Mapping[str, Tensor], prefix: str) -> "Networks":
         """Return the networks stored under names with a prefix."""
-        return cls(*(tensors[prefix + name] for name in NAMES))
-
-    def every(self, step: int, start: int) -> "Networks":
-        """Return every ``step``-th network, from ``start``, as a committee of its own."""
-        return Networks(*(getattr(self, name)[start::step] for name in NAMES))
+        return cls(*(tensors[prefix + name] for name in cls._fields))
 
     def tensors(self, prefix: str) -> dict[str, Tensor]:
         """Return the weights by their names with a prefix."""
-        return {prefix + name: getattr(self, name).detach() for name in NAMES}
+        return {prefix + name: weights for name, weights in self._asdict().items()}
 
     def __call__(self, inputs: Tensor, drop: Callable[[Tensor], Tensor] | None = None) -> Tensor:
         """Return the outputs of all members, shape (M, B, O).
@@ -99,7 +92,7 @@ def fit(
         drop_share: share of hidden units that each step leaves out.
         batch: rows in a step.
     """
-    weights = [getattr(networks, name).clone().requires_grad_() for name in NAMES]
+    weights = [start.clone().requires_grad_() for start in networks]
     fitted = Networks(*weights)
     optimiser = torch.optim.AdamW(weights, rate, weight_decay=1e-2)
     steps = epochs * math.ceil(num_rows / batch)

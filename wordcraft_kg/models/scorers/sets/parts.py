@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base import ConfigError, check_file, counted, refuse
+from wordcraft_kg.base import ConfigError, check_file, counted, reason, refuse
 from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.graphs.recipes import label_fault
 
@@ -52,31 +52,28 @@ def parse_formula(label: str) -> Mapping[str, float]:
         >>> parse_formula("BaTi0.9Zr0.1O3")
         {'Ba': 1, 'Ti': 0.9, 'Zr': 0.1, 'O': 3}
     """
-    sign = _NOT_OF_FORMULAS.search(label)
-    if sign:
-        raise _unreadable(label, f"it has {sign[0]}")
-    text = _HYDRATE.sub("+", label.translate(_BRACKETS))
     # Not within: a missing library is no fault of the formula.
     check_extra("chemistry")
     from periodictable import formula
 
-    # Its parser raises errors of several kinds, some of which are plain ones.
+    sign = _NOT_OF_FORMULAS.search(label)
+    text = _HYDRATE.sub("+", label.translate(_BRACKETS))
+    # The library's parser raises errors of several kinds, some of which are plain ones.
     try:
+        if sign:
+            raise ValueError(f"it has {sign[0]}")
         atoms = formula(text).atoms
+        # Ions and isotopes are parts of their own names; amounts may be anything that was typed.
+        amounts = {str(atom): float(amount) for atom, amount in atoms.items() if amount > 0}
+        if not amounts:
+            raise ValueError("no element")
     except Exception as error:
-        raise _unreadable(label, str(error)) from None
-    # Ions and isotopes are parts of their own names; amounts may be anything that was typed.
-    amounts = {str(atom): float(amount) for atom, amount in atoms.items() if amount > 0}
-    if not amounts:
-        raise _unreadable(label, "no element")
+        raise ConfigError(
+            f"'{label}' is no chemical formula ({reason(error)}); expected one "
+            "such as BaTi0.9Zr0.1O3, without x or y. Write amounts as numbers, or give `parts` as "
+            "a table."
+        ) from None
     return amounts
-
-
-def _unreadable(label: str, fault: str) -> ConfigError:
-    return ConfigError(
-        f"'{label}' is no chemical formula ({fault.splitlines()[0][:80]}); expected one such as "
-        "BaTi0.9Zr0.1O3, without x or y. Write amounts as numbers, or give `parts` as a table."
-    )
 
 
 PARSERS: dict[str, Callable[[str], Mapping[str, float]]] = {"formulas": parse_formula}

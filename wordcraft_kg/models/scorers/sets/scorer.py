@@ -185,8 +185,13 @@ class SetScorer(StoredScorer):
             "amounts": torch.cat([self._tensors["amounts"], amounts]),
             "words": torch.cat([self._tensors["words"], vectors]),
         }
-        settings = {"device": self.device, "name": self.name}
-        return SetScorer(tensors, (*self.entities, *labels), self.graph_hash, **settings)
+        return SetScorer(
+            tensors,
+            (*self.entities, *labels),
+            self.graph_hash,
+            device=self.device,
+            name=self.name,
+        )
 
     def recipes(
         self,
@@ -283,33 +288,21 @@ class SetScorer(StoredScorer):
             for row in rows
         ]
 
-    def parts_of(self, entity: int | str) -> dict[str, float]:
-        """Return the shares of an entity's parts, by name."""
-        amounts = self.knowledge.amounts[int(self.entity_ids(entity))]
-        return {self.part_labels[part]: float(amounts[part]) for part in np.flatnonzero(amounts)}
-
     def evidence(self, entity: int, *, has_coverage: bool = True) -> GoalEvidence:
         """Return what train recipes tell of an entity as a goal."""
-        knowledge = self.knowledge
-        amounts = knowledge.amounts[entity]
-        words = knowledge.words[entity]
         with torch.no_grad():
-            network = self._network(knowledge.inputs(amounts[None], words[None]))
+            network = self._network(self.knowledge.inputs(np.array([entity])))
         log_network = torch.log_softmax(network, 2).mean(0)[0].numpy()
-        return knowledge.goal(amounts, words, log_network, entity=entity, has_coverage=has_coverage)
+        return self.knowledge.goal(entity, log_network, has_coverage=has_coverage)
 
     def _no_recipe(self, entity: int, evidence: GoalEvidence, *, has_rule: bool) -> ConfigError:
         label = self.entities[entity]
         if evidence.missing >= 0:
             part = self.part_labels[evidence.missing]
-            fault = (
-                f"no train recipe brings {part}, a part of '{label}', without parts that it lacks"
-            )
-            # An ingredient brings all of its own parts as a goal.
-            if self.knowledge.number_of[entity] >= 0:
-                fault = f"only '{label}' itself brings its part {part} without parts that it lacks"
             return ConfigError(
-                f"{fault}. Add recipes that bring it to the book, or suggest with `any_parts`."
+                f"no train recipe brings {part}, a part of '{label}', by another ingredient that "
+                f"has no part which '{label}' lacks. Add recipes that bring it to the book, or "
+                "suggest with `any_parts`."
             )
         if has_rule and len(evidence.keys):
             return ConfigError(

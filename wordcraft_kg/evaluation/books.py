@@ -18,12 +18,12 @@ from wordcraft_kg.graphs import (
     known_books,
     open_book,
     read_book,
+    write_book,
 )
 from wordcraft_kg.graphs.audit import BookFigures
 from wordcraft_kg.graphs.book_check import LISTED, BookCheck, Finding, check_book
 from wordcraft_kg.graphs.book_files import ReadOptions
 from wordcraft_kg.graphs.book_files.rows import Place
-from wordcraft_kg.graphs.book_files.writing import write_book
 from wordcraft_kg.graphs.library import FETCHABLE, KnownBook, locate_book
 from wordcraft_kg.graphs.recipes import Reading
 

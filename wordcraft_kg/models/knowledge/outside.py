@@ -53,6 +53,7 @@ source."""
 _Merged = dict[tuple[str, ...], Tensor]
 """Tables by role, name, source, and the hashes of the source's own inputs."""
 
+
 class LinkTables(NamedTuple):
     """Features from outside the recipes, the same in all folds: tables of shape (E, E).
 

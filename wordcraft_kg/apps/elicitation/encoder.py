@@ -30,12 +30,9 @@ from wordcraft_kg.base import (
     ArtefactError,
     ConfigError,
     read_json,
-    staged_folder,
-    with_a_name,
-    write_atomically,
 )
 from wordcraft_kg.models.scorers.features import ENCODED
-from wordcraft_kg.runs.record import end_run, start_run
+from wordcraft_kg.runs.record import write_run
 from wordcraft_kg.runs.run_folder import Progress
 
 _PART = 512
@@ -203,9 +200,4 @@ def write_vectors(
     np.save(buffer, vectors, allow_pickle=False)
     names = "".join(f"{label}\n" for label in labels).encode()
     files = {ENCODED: buffer.getvalue(), Path(ENCODED).with_suffix(".labels.txt").name: names}
-    folder = with_a_name(out)
-    with staged_folder(folder, force=force) as staging:
-        for name, content in files.items():
-            write_atomically(staging / name, content)
-        end_run(staging, start_run(staging, "encode", inputs=inputs), "done", tuple(files))
-    return folder
+    return write_run(out, "encode", files, inputs=inputs, force=force)

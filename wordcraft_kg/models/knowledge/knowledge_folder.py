@@ -30,6 +30,8 @@ TRIPLES = "triples.tsv"
 EXPECTED = "a knowledge folder from elicit or import-knowledge"
 Role = Literal["part", "pair"]
 """Cells of ``part`` are (ingredient, result), of ``pair`` (ingredient, ingredient), symmetric."""
+PLACES = {"part": ("{ingredient}", "{result}"), "pair": ("{a}", "{b}")}
+"""Places for the labels of a cell's row and column in a table's phrase, by role."""
 
 
 class TableInfo(Record, frozen=True, kw_only=True):
@@ -48,8 +50,8 @@ class TableInfo(Record, frozen=True, kw_only=True):
 
     def words(self, row: str, column: str) -> str:
         """Return the phrase with the labels of a cell's row and column."""
-        places = ("{a}", "{b}") if self.role == "pair" else ("{ingredient}", "{result}")
-        return self.phrase.replace(places[0], row).replace(places[1], column)
+        row_place, column_place = PLACES[self.role]
+        return self.phrase.replace(row_place, row).replace(column_place, column)
 
 
 class KnowledgeRecord(Record, frozen=True, kw_only=True):

@@ -48,6 +48,11 @@ class Label:
         object.__setattr__(self, "words", self.words or self.name)
 
     @property
+    def needs_selection(self) -> bool:
+        """Whether the source scores slots only with a selected entity, as u does."""
+        return "{selection}" in self.about
+
+    @property
     def coefficient(self) -> str:
         """Symbol of the source's mixing weight λ."""
         return f"λ{self.symbol}"

@@ -291,8 +291,8 @@ class Policy(nn.Module):
     def weights(self, generator: torch.Generator | None = None) -> Weights:
         """Return tensors computed from parameters only, which :meth:`forward` calls can share.
 
-        By default ``vectors``, see :class:`EntityVectors`, ``lambdas`` of the mixing "residual",
-        and by their names all parameters that no other weights are computed from.
+        By default ``vectors``, see :class:`EntityVectors`, and by their names all parameters that
+        no other weights are computed from.
 
         Args:
             generator: draws the noise with which a policy may train; None for none.
@@ -303,6 +303,7 @@ class Policy(nn.Module):
             if not name.startswith("attention.")
         }
         weights = self.vectors.weights() | as_they_are
+        # The mixing "residual": one weight for each source in all states.
         if self.lambdas is not None:
             weights["lambdas"] = self.lambdas()
         return weights

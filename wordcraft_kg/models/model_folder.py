@@ -204,10 +204,10 @@ def save_scorer(
 def _write_folds(folder: Path, scorer: CrossFitted, kind: str, opened: OpenedGraph) -> None:
     scorer.check_split(opened.split)
 
-    def part(fold: int) -> tuple[str, dict[str, Tensor]]:
+    def part(fold: int) -> dict[str, Tensor]:
         # Raises LeakError if the fold's scorer was trained on anything else.
         scorer.trained_on(fold, opened.graph)
-        return scorer.record.folds[fold].trained_on, stored(scorer.left_out(fold)).tensors()
+        return stored(scorer.left_out(fold)).tensors()
 
     # Folds with the recipes that the scorers were trained on, perhaps with wrong results.
     train_sample = scorer.train_sample(opened.graph)

@@ -25,7 +25,6 @@ candidates would be on.
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -579,11 +578,9 @@ def _pairs(slots: int, num_partners: int, device: torch.device) -> tuple[Tensor,
             alone.
         device: device of the result.
     """
-    rows, columns = np.triu_indices(slots)
-    is_scored = (rows < num_partners) | (rows == columns)
-    first = torch.from_numpy(rows[is_scored])
-    second = torch.from_numpy(columns[is_scored])
-    return first.to(device), second.to(device)
+    first, second = torch.triu_indices(slots, slots, device=device)
+    is_scored = (first < num_partners) | (first == second)
+    return first[is_scored], second[is_scored]
 
 
 def _num_pairs(slots: int, num_partners: int) -> int:

@@ -35,7 +35,9 @@ from wordcraft_kg.base import (
     read_large_file,
     read_record,
     sha256_of,
+    staged_folder,
     what_is,
+    with_a_name,
     write_atomically,
 )
 from wordcraft_kg.base.artefacts import is_locked
@@ -221,6 +223,35 @@ def end_run(
     """
     hashes = {name: sha256_of(folder / name) for name in outputs}
     return _write(folder, replace(run, status=status, ended=_now(), outputs=hashes))
+
+
+def write_run(
+    out: str | Path,
+    kind: str,
+    files: Mapping[str, str | bytes],
+    *,
+    inputs: Mapping[str, str],
+    force: bool = False,
+) -> Path:
+    """Write a finished run, complete or not at all, and return its folder.
+
+    Args:
+        out: the folder.
+        kind: name of the writing command.
+        files: contents of the files by name.
+        inputs: hashes of what they were made from, by name.
+        force: replace the folder.
+
+    Raises:
+        OutputExistsError: if the folder exists and ``force`` is False.
+    """
+    folder = with_a_name(Path(out))
+    # Written beside the folder and renamed at the end, so readers never see half of it.
+    with staged_folder(folder, force=force) as staging:
+        for name, content in files.items():
+            write_atomically(staging / name, content)
+        end_run(staging, start_run(staging, kind, inputs=inputs), "done", tuple(files))
+    return folder
 
 
 def read_run(folder: Path, expected: str = "a run of a training command") -> RunRecord:

@@ -352,8 +352,8 @@ def test_the_least_allowed_settings_are_allowed(config):
 def test_regularisation_is_off_on_full_and_open_on_partial():
     """The regularisation is off by default on the full graph and open on the partial."""
     full, partial = ComplExConfig(kg="full"), ComplExConfig(kg="partial")
-    assert (full.n3, full.popularity, full.is_open) == (0, 0, False)
-    assert (partial.n3, partial.popularity, partial.is_open) == (None, None, True)
+    assert (full.n3, full.popularity) == (0, 0)
+    assert (partial.n3, partial.popularity) == (None, None)
     assert (partial.fixed().n3, partial.fixed().popularity) == (N3_PARTIAL, 0)
 
 
@@ -362,7 +362,7 @@ def test_regularisation_is_off_on_full_and_open_on_partial():
 )
 def test_naming_one_part_of_the_regularisation_fixes_the_other(given, n3, popularity):
     config = ComplExConfig(**given)
-    assert (config.n3, config.popularity, config.is_open) == (n3, popularity, False)
+    assert (config.n3, config.popularity) == (n3, popularity)
     assert config.fixed() == config
 
 

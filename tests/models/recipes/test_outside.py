@@ -201,6 +201,27 @@ def test_tables_of_other_labels_are_an_error(opened, tmp_path):
         open_outside([str(folder)], opened, "one-hot")
 
 
+def test_tables_of_one_source_merge_and_of_two_models_do_not(opened, tmp_path):
+    """Tables of one source complete each other and those of two models stay apart."""
+    info = TableInfo(name="need", role="part", phrase="")
+
+    def folder(name: str, weights: str, entities: tuple[str, ...], graph: str = "") -> str:
+        record = KnowledgeRecord(source="language model", entities=entities, tables=(info,))
+        made = KnowledgeTables(record, (torch.full((len(entities),) * 2, len(name)).half(),))
+        inputs = {"model.gguf": weights * 64, "graph": graph or opened.graph.hash}
+        return str(write_knowledge(tmp_path / name, "test", made, inputs=inputs, files={}))
+
+    labels = opened.graph.entities
+    specs = (
+        folder("a", "1", labels[:6]),
+        folder("bb", "1", labels[6:], "0" * 64),
+        folder("ccc", "2", labels),
+    )
+    both, other = open_outside(specs, opened, "one-hot").tables.parts
+    assert [both[0, 1].item(), both[6, 7].item(), both[0, 7].item()] == [1, 2, 0]
+    assert (other == 3).all()
+
+
 @pytest.mark.slow
 def test_a_model_with_outside_knowledge_is_trained_and_found_again(opened, knowledge, tmp_path):
     other = write_book(tmp_path / "other.csv", [("sand", opened.graph.entities[0], "sandcastle")])

@@ -30,12 +30,9 @@ from wordcraft_kg.base import (
     ArtefactError,
     ConfigError,
     read_json,
-    staged_folder,
-    with_a_name,
-    write_atomically,
 )
 from wordcraft_kg.models.scorers.features import ENCODED
-from wordcraft_kg.runs.record import end_run, start_run
+from wordcraft_kg.runs.record import write_run
 from wordcraft_kg.runs.run_folder import Progress
 
 _PART = 512
@@ -175,15 +172,6 @@ def _open_encoder(path: Path) -> tuple[Any, dict[str, str]]:
     return model, hashes
 
 
-def vector_files(labels: Sequence[str], vectors: NDArray[np.float16]) -> dict[str, bytes]:
-    """Return the files of a folder of vectors, by name: vectors, shape (N, D), and the N labels."""
-    buffer = io.BytesIO()
-    # No pickle: the array has numbers only, and readers refuse anything else.
-    np.save(buffer, vectors, allow_pickle=False)
-    names = "".join(f"{label}\n" for label in labels).encode()
-    return {ENCODED: buffer.getvalue(), Path(ENCODED).with_suffix(".labels.txt").name: names}
-
-
 def write_vectors(
     out: Path,
     labels: Sequence[str],
@@ -207,10 +195,9 @@ def write_vectors(
     Raises:
         OutputExistsError: if ``out`` exists and ``force`` is False.
     """
-    folder = with_a_name(out)
-    with staged_folder(folder, force=force) as staging:
-        files = vector_files(labels, vectors)
-        for name, content in files.items():
-            write_atomically(staging / name, content)
-        end_run(staging, start_run(staging, "encode", inputs=inputs), "done", tuple(files))
-    return folder
+    buffer = io.BytesIO()
+    # No pickle: the array has numbers only, and readers refuse anything else.
+    np.save(buffer, vectors, allow_pickle=False)
+    names = "".join(f"{label}\n" for label in labels).encode()
+    files = {ENCODED: buffer.getvalue(), Path(ENCODED).with_suffix(".labels.txt").name: names}
+    return write_run(out, "encode", files, inputs=inputs, force=force)

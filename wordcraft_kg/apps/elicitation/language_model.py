@@ -46,6 +46,7 @@ from wordcraft_kg.base import (
 from wordcraft_kg.base.tensors import read_tensors
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.knowledge.knowledge_folder import (
+    PLACES,
     KnowledgeRecord,
     KnowledgeTables,
     Role,
@@ -54,9 +55,6 @@ from wordcraft_kg.models.knowledge.knowledge_folder import (
 )
 from wordcraft_kg.runs.record import front_matter
 from wordcraft_kg.runs.run_folder import Progress, locked_folder
-
-_IN_PHRASE = {"part": ("{ingredient}", "{result}"), "pair": ("{a}", "{b}")}
-"""Places that the phrase of a table needs, by role."""
 
 
 class Prompt(Record, frozen=True, kw_only=True):
@@ -91,8 +89,8 @@ class Prompt(Record, frozen=True, kw_only=True):
                 f"prompt '{self.name}' needs neutral texts; texts neither start nor end with a "
                 "blank"
             )
-        if any(part not in self.phrase for part in _IN_PHRASE[self.role]):
-            raise ValueError(f"phrase '{self.phrase}' lacks {' or '.join(_IN_PHRASE[self.role])}")
+        if any(place not in self.phrase for place in PLACES[self.role]):
+            raise ValueError(f"phrase '{self.phrase}' lacks {' or '.join(PLACES[self.role])}")
 
     def text(self, label: str) -> str:
         """Return the text about a label."""

@@ -158,16 +158,19 @@ def import_knowledge(
         tables=tuple(info.name for info, _ in tables),
         triples=len(triples),
     )
-    files = {
+    contents = {
         TRIPLES: _table(HEADER, triples),
         ALIGNMENT: _table(_COLUMNS, _alignment_rows(network, alignment, entities)),
         "README.md": _card(view, opened, kind),
     }
-    inputs = {"graph": opened.graph.hash, **_hashes(path)}
+    # A file, or each file in a folder, by name.
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    hashes = {file.name: sha256_of(file) for file in files if file.is_file()}
+    inputs = {"graph": opened.graph.hash, **hashes}
     if overrides is not None:
         inputs["overrides"] = sha256_of(overrides)
     knowledge = KnowledgeTables(record, halves)
-    write_knowledge(out, COMMAND, knowledge, inputs=inputs, files=files, force=force)
+    write_knowledge(out, COMMAND, knowledge, inputs=inputs, files=contents, force=force)
     return view
 
 
@@ -255,12 +258,6 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a text with tabs between columns, and a line end after each row."""
     lines = ["\t".join(row) for row in (header, *rows)]
     return "\n".join([*lines, ""])
-
-
-def _hashes(path: Path) -> dict[str, str]:
-    """Return the hash of a file, or of each file in a folder, by name."""
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
-    return {file.name: sha256_of(file) for file in files if file.is_file()}
 
 
 def _card(view: ImportedKnowledge, opened: OpenedGraph, kind: Kind) -> str:

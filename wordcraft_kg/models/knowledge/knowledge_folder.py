@@ -19,12 +19,9 @@ from wordcraft_kg.base import (
     Record,
     as_values,
     dump_json,
-    staged_folder,
-    with_a_name,
-    write_atomically,
 )
 from wordcraft_kg.base.tensors import copied
-from wordcraft_kg.runs.record import RunFiles, end_run, read_finished_run, start_run
+from wordcraft_kg.runs.record import RunFiles, read_finished_run, write_run
 
 KNOWLEDGE = "knowledge.json"
 TABLES = "tables.safetensors"
@@ -33,6 +30,8 @@ TRIPLES = "triples.tsv"
 EXPECTED = "a knowledge folder from elicit or import-knowledge"
 Role = Literal["part", "pair"]
 """Cells of ``part`` are (ingredient, result), of ``pair`` (ingredient, ingredient), symmetric."""
+PLACES = {"part": ("{ingredient}", "{result}"), "pair": ("{a}", "{b}")}
+"""Places for the labels of a cell's row and column in a table's phrase, by role."""
 
 
 class TableInfo(Record, frozen=True, kw_only=True):
@@ -51,8 +50,8 @@ class TableInfo(Record, frozen=True, kw_only=True):
 
     def words(self, row: str, column: str) -> str:
         """Return the phrase with the labels of a cell's row and column."""
-        places = ("{a}", "{b}") if self.role == "pair" else ("{ingredient}", "{result}")
-        return self.phrase.replace(places[0], row).replace(places[1], column)
+        row_place, column_place = PLACES[self.role]
+        return self.phrase.replace(row_place, row).replace(column_place, column)
 
 
 class KnowledgeRecord(Record, frozen=True, kw_only=True):
@@ -134,18 +133,14 @@ def write_knowledge(
     Raises:
         OutputExistsError: if the folder exists and ``force`` is False.
     """
-    folder = with_a_name(Path(out))
     names = [info.name for info in knowledge.record.tables]
     tensors = dict(zip(names, knowledge.tables, strict=True))
-    # Written beside the folder and renamed at the end, so readers never see half of it.
-    with staged_folder(folder, force=force) as staging:
-        write_atomically(staging / KNOWLEDGE, dump_json(as_values(knowledge.record)))
-        write_atomically(staging / TABLES, safetensors.torch.save(copied(tensors)))
-        for name, content in files.items():
-            write_atomically(staging / name, content)
-        run = start_run(staging, command, inputs=inputs)
-        end_run(staging, run, "done", (KNOWLEDGE, TABLES, *files))
-    return folder
+    contents = {
+        KNOWLEDGE: dump_json(as_values(knowledge.record)),
+        TABLES: safetensors.torch.save(copied(tensors)),
+        **files,
+    }
+    return write_run(out, command, contents, inputs=inputs, force=force)
 
 
 def read_knowledge(folder: str | Path) -> KnowledgeTables:

@@ -39,7 +39,6 @@ from wordcraft_kg.models.knowledge.books import (
 from wordcraft_kg.models.knowledge.knowledge_folder import (
     KNOWLEDGE,
     TABLES,
-    KnowledgeTables,
     knowledge_files,
     read_knowledge,
 )
@@ -47,6 +46,12 @@ from wordcraft_kg.models.scorers.features import EntityFeatures
 from wordcraft_kg.models.scorers.neighbours.links import CELLS, link_features
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
 from wordcraft_kg.models.scorers.score_limits import check_table
+
+_OF_A_BOOK = ("graph", "split", "overrides")
+"""Inputs of a knowledge folder that differ between books; other inputs, such as weights, are of the
+source."""
+_Merged = dict[tuple[str, ...], Tensor]
+"""Tables by role, name, source, and the hashes of the source's own inputs."""
 
 
 class LinkTables(NamedTuple):
@@ -106,7 +111,7 @@ def open_outside(
         ArtefactError: if a folder is incomplete or damaged.
     """
     tables: dict[str, list[Tensor]] = {"pair": [], "part": []}
-    folders: list[KnowledgeTables] = []
+    merged = _Merged()
     sources: list[OutsideSource] = []
     books: list[OtherBook] = []
     for spec in specs:
@@ -120,12 +125,10 @@ def open_outside(
             books.append(book)
             sources.append(book.source)
         else:
-            knowledge, source = _of_folder(spec, opened.graph.entities)
-            folders.append(knowledge)
-            sources.append(source)
-    for knowledge in folders:
-        for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True):
-            tables[info.role].append(table.float())
+            sources.append(_of_folder(spec, opened.graph.entities, merged))
+    # After all folders are read: tables of several folders may have become one.
+    for (role, *_), table in merged.items():
+        tables[role].append(table)
     return OutsideKnowledge(
         LinkTables(tables["pair"], tables["part"]), tuple(sources), tuple(books)
     )
@@ -136,8 +139,15 @@ def is_book(spec: str) -> bool:
     return not (Path(spec) / KNOWLEDGE).is_file()
 
 
-def _of_folder(spec: str, entities: Sequence[str]) -> tuple[KnowledgeTables, OutsideSource]:
-    """Return a folder's tables for a graph's entities, and its record.
+def _of_folder(spec: str, entities: Sequence[str], merged: _Merged) -> OutsideSource:
+    """Add a folder's tables to those of the folders before, and return its record.
+
+    Tables of one name and source complete each other, as those of several books.
+
+    Args:
+        spec: a knowledge folder.
+        entities: labels of the graph's entities.
+        merged: tables of the folders before; changed in place.
 
     Raises:
         ConfigError: if the folder describes none of the entities.
@@ -151,9 +161,15 @@ def _of_folder(spec: str, entities: Sequence[str]) -> tuple[KnowledgeTables, Out
             f"`with` '{spec}': {name} describes none of the {len(entities):,} entities, such as "
             f"'{entities[0]}'. Make the folder for this graph."
         )
-    sha256 = knowledge_files(spec).run.outputs[TABLES]
-    source = OutsideSource(name=name, kind="tables", sha256=sha256, coverage=coverage)
-    return knowledge, source
+    run = knowledge_files(spec).run
+    origin = sorted(sha256 for key, sha256 in run.inputs.items() if key not in _OF_A_BOOK)
+    for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True):
+        key = (info.role, info.name, name, *origin)
+        new = table.float()
+        before = merged.get(key, new)
+        # 0 is a cell that the earlier folder says nothing about.
+        merged[key] = before.where(before != 0, new)
+    return OutsideSource(name=name, kind="tables", sha256=run.outputs[TABLES], coverage=coverage)
 
 
 def describe_source(source: OutsideSource) -> str:

@@ -73,9 +73,8 @@ def make_training_loop(
             f"`model` {config.model!r}: PyKEEN cannot build this model for a recipe graph "
             f"({error!r})."
         ) from None
-    sampling: dict[str, Any] = {}
-    if not is_softmax:
-        sampling["negative_sampler_kwargs"] = {"num_negs_per_pos": config.negatives}
+    negatives = {"negative_sampler_kwargs": {"num_negs_per_pos": config.negatives}}
+    sampling: dict[str, Any] = {} if is_softmax else negatives
     return training_loop_resolver.lookup("symmetriclcwa" if is_softmax else "slcwa")(
         model=model,
         triples_factory=factory,

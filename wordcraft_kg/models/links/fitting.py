@@ -144,6 +144,11 @@ def restore(loop: TrainingLoop, checkpoint: Checkpoint[LinkProgress]) -> None:
     for name, value in with_prefix(checkpoint.tensors, "optimizer.").items():
         index, _, key = name.partition(".")
         state[int(index)][key] = value
+    # Checked here: the optimiser would notice a missing or misshapen tensor only in the next epoch.
+    for number, parameter in enumerate(loop.optimizer.param_groups[0]["params"]):
+        shapes = {value.shape for value in state[number].values()}
+        if state[number].keys() != state[0].keys() or not shapes <= {(), parameter.shape}:
+            raise ValueError("a part of the optimiser's state is missing, or has another shape")
     # The new optimiser keeps its settings; the checkpoint holds only its tensors.
     loop.optimizer.load_state_dict({**loop.optimizer.state_dict(), "state": state})
     loop._epoch = checkpoint.number
@@ -207,8 +212,8 @@ def choose(
         TrainingError: if a loss is not finite.
     """
     split = opened.split
-    # Other models have neither weight, and given weights are kept.
-    if not isinstance(settings, ComplExConfig) or not settings.is_open:
+    # Other models have neither weight, and given weights, both or neither, are kept.
+    if not isinstance(settings, ComplExConfig) or settings.n3 is not None:
         return None
     is_small = len(recipes) <= SMALL
     if not is_small and not settings.negatives:

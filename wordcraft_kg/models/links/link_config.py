@@ -168,14 +168,9 @@ class ComplExConfig(TrainingConfig):
         if self.negatives is not None:
             whole("negatives", self.negatives, 0, MAX_SIZE)
 
-    @property
-    def is_open(self) -> bool:
-        """Whether N3 weight and popularity, both or neither None, are still to be chosen."""
-        return self.n3 is None
-
     def fixed(self) -> Self:
         """Return the settings without a search: the default N3 weight in place of None."""
-        return replace(self, n3=N3_PARTIAL) if self.is_open else self
+        return replace(self, n3=N3_PARTIAL) if self.n3 is None else self
 
     def for_size(self, num_entities: int) -> Self:  # noqa: D102 - inherited
         automatic = NEGATIVES if num_entities > FULL_SOFTMAX else 0

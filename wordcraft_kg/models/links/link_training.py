@@ -335,12 +335,9 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             # ones.
             self._train_folds(run, self.folds, sum(row.seconds for row in trace), report)
             models = fold_models(run.path)
-
-            def part(fold: int) -> tuple[str, dict[str, torch.Tensor]]:
-                model = models.read(fold)
-                return model.progress.trained_on, model.tensors
-
-            record = write_folds(run.path, self.folds, scorer, kind, part)
+            record = write_folds(
+                run.path, self.folds, scorer, kind, lambda fold: models.read(fold).tensors
+            )
         files = RunFiles(run.path, run.record)
         metrics = LinkMetrics(
             kg=settings.kg,

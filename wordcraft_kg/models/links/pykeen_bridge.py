@@ -89,7 +89,7 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
     relations: dict[str, int] = {name: place for place, name in enumerate(RELATIONS)}
     rows = list[tuple[int, int, int]]()
     for folder in folders:
-        before = len(rows)
+        ends = set[int]()
         for head, relation, tail in read_triples_of(knowledge_files(folder)):
             # Such triples would count as recipes, also as those of the test part.
             if relation in RELATIONS:
@@ -102,9 +102,8 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
             relation_id = relations.setdefault(relation, len(relations))
             tail_id = places.setdefault(tail, len(places))
             rows.append((head_id, relation_id, tail_id))
-        added = np.array(rows[before:], dtype=np.int64).reshape(-1, 3)
-        ends = np.unique(added[:, [0, 2]])
-        if not (ends < len(entities)).any():
+            ends |= {head_id, tail_id}
+        if not any(end < len(entities) for end in ends):
             raise ConfigError(
                 f"`with` '{folder}': none of the {len(ends):,} nodes in {TRIPLES} is one of the "
                 f"{len(entities):,} entities, such as '{entities[0]}'. Make the folder for this "
@@ -112,12 +111,12 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
             )
     # Equal triples of several folders are one.
     triples = frozen(np.unique(np.array(rows, dtype=np.int64), axis=0))
-    ends = np.unique(triples[:, [0, 2]])
+    endpoints = np.unique(triples[:, [0, 2]])
     summary = OutsideSummary(
         triples=len(triples),
         nodes=len(places) - len(entities),
         relations=len(relations) - len(RELATIONS),
-        coverage=int((ends < len(entities)).sum()) / len(entities),
+        coverage=int((endpoints < len(entities)).sum()) / len(entities),
     )
     nodes = tuple(places)[len(entities) :]
     return OutsideTriples(nodes, tuple(relations)[len(RELATIONS) :], triples, summary)

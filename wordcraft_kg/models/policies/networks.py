@@ -49,11 +49,12 @@ class AttentionPolicy(Policy):
     without sources. An MLP is a linear map W with bias, a rectifier and a linear map; W is applied
     after the sum over slots. With the mixing "residual", λα is 1 and the others are learned
     numbers: where these are 0, the policy is that without sources. With ``config.sees_attempts``,
-    learned terms for the phase of the episode (:class:`Phases`) are added to
+    learned terms for the phase of the episode (:func:`phase_terms`) are added to
     ``Kᵀ Q([x_g; x_s]) / √d``, to V and to λ.
 
-    If recipes have other sizes than two, x_s is the mean over the selected entities, and
-    :class:`Combine` gives the action to combine its α; sources give it 0.
+    If recipes have other sizes than two, x_s is the mean over the selected entities. For the action
+    to combine, a learned key takes the place of the entity's vector, and a learned term for the
+    number of selected entities is added to its α; sources give it 0.
 
     Permuting the slots permutes the logits and leaves the value as it is, so the policy takes any
     table size.
@@ -86,11 +87,11 @@ class AttentionPolicy(Policy):
             raise ConfigError("`kg_only` mixes only scorer scores; give a `scorer` too.")
         self.attention = TableAttention(vectors.dim, config.key_size)
         self.value = _head(vectors.dim, config.value_size, 1)
-        if self.sources and config.lambda_form == "residual":
+        if self.sources and config.mixing == "residual":
             self.lambdas = self.source_weights()
         elif self.sources:
             self.mixture = _head(vectors.dim, config.value_size, len(self.labels))
-            if config.lambda_form == "free":
+            if config.mixing != "softmax":
                 # λ begin at or near the first mixing weights.
                 self.mixture.get_parameter("2.bias").data.copy_(self.first_lambdas())
                 if self.looks_ahead:
@@ -98,18 +99,16 @@ class AttentionPolicy(Policy):
                     nn.init.zeros_(self.mixture.get_parameter("2.weight"))
         if config.sees_attempts:
             # Zeros, so that a policy starts like one that does not see attempts.
-            self.phases = Phases(vectors.dim, len(self.labels))
+            self.phases = phase_terms(vectors.dim, len(self.labels))
         self.most_picks = most_picks
         if most_picks:
-            self.combine = Combine(vectors.dim, most_picks)
+            zeros = [("key", torch.zeros(vectors.dim)), ("counts", torch.zeros(most_picks + 1))]
+            self.combine = nn.ParameterDict(zeros)
 
     def weights(  # noqa: D102 - inherited
         self, generator: torch.Generator | None = None
     ) -> Weights:
-        weights = super().weights() | self.attention.weights()
-        if self.sources and self.config.lambda_form == "residual":
-            weights["lambdas"] = self.lambdas()
-        return weights
+        return super().weights() | self.attention.weights()
 
     def output(  # noqa: D102 - inherited
         self,
@@ -148,49 +147,36 @@ class AttentionPolicy(Policy):
 
     def _lambdas(self, encoding: Tensor, weights: Weights, phases: Tensor | None) -> Tensor:
         """Return λ, shape (B, S), for encodings (B, F) and phases (B,)."""
-        if self.config.lambda_form == "residual":
+        if self.config.mixing == "residual":
             lambdas = weights["lambdas"].expand(len(encoding), -1)
         else:
             lambdas = _mlp(encoding, weights, "mixture")
         if phases is not None:
             lambdas = lambdas + weights["phases.lambdas"].index_select(0, phases)
-        return torch.softmax(lambdas, dim=1) if self.config.lambda_form == "softmax" else lambdas
+        return torch.softmax(lambdas, dim=1) if self.config.mixing == "softmax" else lambdas
 
 
-class Combine(nn.Module):
-    """What the action to combine has in place of an entity.
-
-    Attributes:
-        key: shape (F,): takes the place of the entity's vector.
-        counts: shape (S + 1,): added to α, by the number of selected entities.
-    """
-
-    def __init__(self, dim: int, most_picks: int):
-        """Start with zeros, for vectors of length ``dim`` (F) and ``most_picks`` (S) selections."""
-        super().__init__()
-        self.key = nn.Parameter(torch.zeros(dim))
-        self.counts = nn.Parameter(torch.zeros(most_picks + 1))
-
-
-class Phases(nn.Module):
-    """Learned terms for each phase of an episode: attempts left, and whether a slot is selected.
+def phase_terms(dim: int, num_lambdas: int) -> nn.ParameterDict:
+    """Return learned terms for each phase of an episode: attempts left, with or without selection.
 
     An entity that makes the goal is the right choice in the last attempt, and one that makes an
     intermediate in an earlier attempt: without the phase, one λ serves both.
 
-    Attributes:
-        rows: shape (:data:`NUM_PHASES`, F): added to the query after the keys are folded in.
-        value: shape (:data:`NUM_PHASES`,): added to V.
-        lambdas: shape (:data:`NUM_PHASES`, S): added to λ, before a softmax; only with sources.
-    """
+    Args:
+        dim: F, the length of vectors.
+        num_lambdas: S, the number of mixed scores.
 
-    def __init__(self, dim: int, num_lambdas: int):
-        """Start with zeros, for vectors of length ``dim`` (F) and ``num_lambdas`` (S) scores."""
-        super().__init__()
-        self.rows = nn.Parameter(torch.zeros(NUM_PHASES, dim))
-        self.value = nn.Parameter(torch.zeros(NUM_PHASES))
-        if num_lambdas:
-            self.lambdas = nn.Parameter(torch.zeros(NUM_PHASES, num_lambdas))
+    Returns:
+        zeros: ``rows``, shape (:data:`NUM_PHASES`, F), added to the query after the keys are folded
+        in; ``value``, shape (:data:`NUM_PHASES`,), added to V; and only with sources ``lambdas``,
+        shape (:data:`NUM_PHASES`, S), added to λ, before a softmax.
+    """
+    terms = nn.ParameterDict()
+    terms["rows"] = torch.zeros(NUM_PHASES, dim)
+    terms["value"] = torch.zeros(NUM_PHASES)
+    if num_lambdas:
+        terms["lambdas"] = torch.zeros(NUM_PHASES, num_lambdas)
+    return terms
 
 
 def phases_of(states: States, nothing: int) -> Tensor:
@@ -446,14 +432,6 @@ class NetworkPolicy(Policy):
         self.network = network.eval()
         if self.sources:
             self.lambdas = self.source_weights()
-
-    def weights(  # noqa: D102 - inherited
-        self, generator: torch.Generator | None = None
-    ) -> Weights:
-        weights = super().weights()
-        if self.sources:
-            weights["lambdas"] = self.lambdas()
-        return weights
 
     def output(  # noqa: D102 - inherited
         self,

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.models.policies.networks import Phases, phases_of
+from wordcraft_kg.models.policies.networks import phase_terms, phases_of
 from wordcraft_kg.models.policies.policy import (
     SPEED,
     EntityVectors,
@@ -88,9 +88,9 @@ class PairPolicy(Policy):
         super().__init__(config, vectors, sources)
         if config.kg_only:
             raise ConfigError("`kg_only` needs `policy` attention.")
-        if self.sources and config.lambda_form != "residual":
+        if self.sources and config.mixing != "residual":
             raise ConfigError(
-                f"`mixing` {config.lambda_form} needs `policy` attention; expected residual."
+                f"`mixing` {config.mixing} needs `policy` attention; expected residual."
             )
         size = config.pair_size
         self.noise_size = size
@@ -106,7 +106,7 @@ class PairPolicy(Policy):
         if self.sources:
             self.lambdas = self.source_weights()
         if config.sees_attempts:
-            self.phases = Phases(2 * size, len(self.labels))
+            self.phases = phase_terms(2 * size, len(self.labels))
 
     def weights(  # noqa: D102 - inherited
         self, generator: torch.Generator | None = None
@@ -129,7 +129,7 @@ class PairPolicy(Policy):
             "readouts": torch.cat([self.score.weight, self.value.weight]),
             "value.bias": self.value.bias,
         }
-        if self.sources:
+        if self.lambdas is not None:
             weights["lambdas"] = self.lambdas()
         if self.config.sees_attempts:
             weights |= {f"phases.{name}": part for name, part in self.phases.named_parameters()}
@@ -210,9 +210,8 @@ class PairPolicy(Policy):
         return first[choices], second[choices]
 
     def pairs_of(self, states: States, choices: Tensor) -> tuple[Tensor, Tensor]:  # noqa: D102
-        first_slots, second_slots = self.slots_of(choices, states.table.shape[1])
-        first = states.table.gather(1, first_slots[:, None])[:, 0]
-        second = states.table.gather(1, second_slots[:, None])[:, 0]
+        slots = torch.stack(self.slots_of(choices, states.table.shape[1]), dim=1)
+        first, second = states.table.gather(1, slots).unbind(1)
         return first, second
 
     def choices_with(self, states: States, is_listed: Tensor) -> Tensor:  # noqa: D102 - inherited

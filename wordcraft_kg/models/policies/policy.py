@@ -179,6 +179,7 @@ class Policy(nn.Module):
         entities: entity labels in id order; like ``graph_hash``, set by ``make_policy`` and
             ``load_policy``, and empty before.
         graph_hash: content hash of the recipe graph.
+        lambdas: the mixing weights λ of the mixing "residual"; None for other mixings.
     """
 
     steps_per_choice: ClassVar[int] = 1
@@ -208,6 +209,7 @@ class Policy(nn.Module):
         # As submodules, sources move to a device and are saved with the policy.
         modules = nn.ModuleDict({source.name: source for source in sources})
         self.sources = cast("Mapping[str, Source]", modules)
+        self.lambdas: SourceWeights | None = None
         # Without sources nothing is mixed, and the attention logits are the policy's.
         network_labels = (ALPHA,) if self.sources and not config.kg_only else ()
         self.labels: tuple[Label, ...] = (
@@ -300,7 +302,11 @@ class Policy(nn.Module):
             for name, parameter in self.named_parameters()
             if not name.startswith("attention.")
         }
-        return self.vectors.weights() | as_they_are
+        weights = self.vectors.weights() | as_they_are
+        # The mixing "residual": one weight for each source in all states.
+        if self.lambdas is not None:
+            weights["lambdas"] = self.lambdas()
+        return weights
 
     def forward(
         self,

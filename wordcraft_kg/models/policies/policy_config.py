@@ -174,11 +174,6 @@ class PolicyConfig:
         )
 
     @property
-    def lambda_form(self) -> Mixing:
-        """The range of λ; free while it is left open."""
-        return self.mixing or "free"
-
-    @property
     def plugins(self) -> dict[str, str]:
         """Hashes of the plugin files that the policy needs, by file name."""
         return POLICIES.plugins(self.policy or "") | SOURCES.plugins(*self.sources)

@@ -33,7 +33,6 @@ from wordcraft_kg.graphs import (
     make_folds,
     make_split,
     open_graph,
-    triples_hash,
 )
 from wordcraft_kg.models.knowledge.books import (
     OtherBook,
@@ -443,9 +442,8 @@ class RecipesTraining(FitsTraining):
             # Tensors that are the same in all fits are saved with the main model alone.
             shared = {name: tensors[name] for name in RecipeScorer.shared}
 
-            def part(fold: int) -> tuple[str, dict[str, Tensor]]:
-                fit = run.checkpoints.read(self._number_of((fold,)))
-                return triples_hash(folds.triples([fold])), shared | fit.tensors
+            def part(fold: int) -> dict[str, Tensor]:
+                return shared | run.checkpoints.read(self._number_of((fold,))).tensors
 
             main = RecipeScorer(tensors, graph.entities, graph.hash)
             record = write_folds(

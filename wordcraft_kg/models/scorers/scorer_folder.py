@@ -29,7 +29,7 @@ from wordcraft_kg.base import (
 )
 from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.base.tensors import MAX_WEIGHT, check_tensors, copied, largest, with_prefix
-from wordcraft_kg.graphs import RELATIONS, Folds, Ids, RecipeGraph, is_in
+from wordcraft_kg.graphs import RELATIONS, Folds, Ids, RecipeGraph, is_in, triples_hash
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, Fold, FoldsRecord, whole_of
 from wordcraft_kg.models.scorers.factors import ComplExScorer, SetTableScorer, TableScorer
 from wordcraft_kg.models.scorers.probabilities import HeldOut, Probabilities, score_fold
@@ -317,7 +317,7 @@ def write_folds(
     folds: Folds,
     whole: Scorer,
     kind: str,
-    part: Callable[[int], tuple[str, Tensors]],
+    part: Callable[[int], Tensors],
     *,
     workers: int = 1,
 ) -> FoldsRecord:
@@ -328,8 +328,7 @@ def write_folds(
         folds: the folds and the training recipes.
         whole: the scorer trained on all folds.
         kind: kind of the fold scorers, a key in :data:`SCORERS`.
-        part: returns, for a fold's number, the hash of the training triples and the tensors of the
-            model trained without this fold.
+        part: returns, for a fold's number, the tensors of the model trained without this fold.
         workers: threads that evaluate models beside each other.
     """
     graph = folds.split.graph
@@ -349,11 +348,11 @@ def write_folds(
 
     queries = [make_queries(number) for number in range(folds.count)]
 
-    def evaluated(number: int) -> tuple[str, Tensors, float | None, HeldOut]:
-        trained_on, own_tensors = part(number)
+    def evaluated(number: int) -> tuple[Tensors, float | None, HeldOut]:
+        own_tensors = part(number)
         left_out = make_scorer(kind, own_tensors, graph.entities, graph.hash)
         mrr = _mrr(left_out, queries[number], train_triples)
-        return trained_on, own_tensors, mrr, score_fold(left_out, folds, number)
+        return own_tensors, mrr, score_fold(left_out, folds, number)
 
     def in_sample() -> list[float | None]:
         return [_mrr(whole, fold_queries, train_triples) for fold_queries in queries]
@@ -366,15 +365,16 @@ def write_folds(
         # In one thread: what the whole model keeps, such as its lists, is made once.
         in_sample_mrrs = pool.submit(in_sample)
         evaluations = pool.map(evaluated, range(folds.count))
-        for number, (trained_on, own_tensors, mrr, held_out_scores) in enumerate(evaluations):
+        for number, (own_tensors, mrr, held_out_scores) in enumerate(evaluations):
             tensors |= {
                 f"fold{number}.{name}": tensor
                 for name, tensor in own_tensors.items()
                 if name not in shared
             }
+            triples = folds.triples([number])
             fold = Fold(
-                trained_on=trained_on,
-                triples=len(folds.triples([number])),
+                trained_on=triples_hash(triples),
+                triples=len(triples),
                 queries=2 * len(queries[number]),
                 mrr=mrr,
                 in_sample_mrr=in_sample_mrrs.result()[number],

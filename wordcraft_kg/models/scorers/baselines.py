@@ -310,7 +310,7 @@ class KernelScorer(TableScorer):
         factors, _ = link_factors(recipes, rows, units, rank=size)
         # Both terms are standardised first: their scales have nothing to do with each other.
         combines = standardised(factors.pair_left @ factors.right.T)
-        combines += _COMPLETION * standardised(completion(recipes, size).numpy())
+        combines += _COMPLETION * standardised(completion(recipes, size))
         component = standardised(factors.left @ factors.right.T)
         scores = torch.from_numpy(np.stack([combines, component])).float()
         settings = {"name": "recipe kernel", **kwargs}

@@ -15,7 +15,7 @@ et al. 2018.
 
 from collections.abc import Callable, Sequence
 from functools import cache, partial
-from typing import Literal, overload
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -102,11 +102,6 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
         return len(self.folds)
 
     @property
-    def queries(self) -> int:
-        """Number of ranking queries, summed over folds."""
-        return sum(fold.queries for fold in self.folds)
-
-    @property
     def mrr(self) -> float | None:
         """Mean reciprocal rank on train triples by models trained without the triple's fold.
 
@@ -129,7 +124,7 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
             for value, fold in zip(values, self.folds, strict=True)
             if value is not None
         ]
-        return sum(sums) / self.queries if sums else None
+        return sum(sums) / sum(fold.queries for fold in self.folds) if sums else None
 
 
 class CrossFitted(Scorer):
@@ -376,14 +371,6 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
         cut.of_recipe.copy(),
         FoldsRecord.unranked(cut),
     )
-
-
-@overload
-def whole_of(scorer: Scorer) -> Scorer: ...
-
-
-@overload
-def whole_of(scorer: TripleScorer) -> TripleScorer: ...
 
 
 def whole_of(scorer: TripleScorer) -> TripleScorer:

@@ -6,9 +6,8 @@ See "Similar entities" and "Links by kernel regression" in docs/explanation/reci
 from typing import Any
 
 import numpy as np
-import torch
+from numpy.typing import NDArray
 from scipy import sparse
-from torch import Tensor
 
 from wordcraft_kg.graphs.arrays import Ids, distinct
 
@@ -73,7 +72,7 @@ def profiles(recipes: Ids, num_entities: int) -> Any:
     return unit.tocsr()
 
 
-def completion(recipes: Ids, num_entities: int) -> Tensor:
+def completion(recipes: Ids, num_entities: int) -> NDArray[np.float32]:
     """Score all pairs as ingredients by known pairs with the same result.
 
     With ``R_c`` the degree-normalised symmetric matrix for pairs that make c, the score is
@@ -90,8 +89,7 @@ def completion(recipes: Ids, num_entities: int) -> Tensor:
     # R³ of all results, three products from the right; the product with nodesᵀ sums over results.
     third = pairs @ (pairs @ (pairs @ nodes))
     scores = nodes.T @ third
-    dense = scores.toarray()
-    return torch.from_numpy(dense.astype(np.float32))
+    return np.asarray(scores.toarray(), dtype=np.float32)
 
 
 def completion_parts(recipes: Ids, num_entities: int) -> tuple[Any, Any]:

@@ -102,6 +102,11 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
         return len(self.folds)
 
     @property
+    def queries(self) -> int:
+        """Number of ranking queries, summed over folds."""
+        return sum(fold.queries for fold in self.folds)
+
+    @property
     def mrr(self) -> float | None:
         """Mean reciprocal rank on train triples by models trained without the triple's fold.
 
@@ -124,7 +129,7 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
             for value, fold in zip(values, self.folds, strict=True)
             if value is not None
         ]
-        return sum(sums) / sum(fold.queries for fold in self.folds) if sums else None
+        return sum(sums) / self.queries if sums else None
 
 
 class CrossFitted(Scorer):

@@ -301,12 +301,8 @@ class EntityRoles:
         cosines = np.stack(role_cosines, axis=1)
         means = (weights * cosines).sum(axis=1)
         order = np.argsort(-means, kind="stable")
-        # One more than the limit, because the entity is usually nearest to itself.
-        nearest = order[: limit + 1].tolist()
-        neighbours = [
-            (neighbour, float(means[neighbour])) for neighbour in nearest if neighbour != entity
-        ]
-        return neighbours[:limit]
+        nearest = order[order != entity][:limit]
+        return [(neighbour, float(means[neighbour])) for neighbour in nearest.tolist()]
 
 
 ROLES: tuple[tuple[int, Side], ...] = (

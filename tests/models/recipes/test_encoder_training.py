@@ -182,7 +182,7 @@ def test_a_large_other_book_gives_all_folds_its_encoder(book, other_book, tmp_pa
     other = open_other_book(str(other_book), open_graph(str(book)))
     expected = encoder_of_books([other], 12, "one-hot")
     for each in (scorer.whole, *(scorer.left_out(fold) for fold in range(3))):
-        assert same_tensors(each.knowledge.encoder().named(), expected.named())
+        assert same_tensors(each.knowledge.encoder()._asdict(), expected._asdict())
         # The ranker uses it.
         assert each.knowledge.first[0, -len(OF_ENCODER) :].any()
         # It proposes no results: they are those of other books.

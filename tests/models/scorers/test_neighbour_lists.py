@@ -244,7 +244,7 @@ def test_links_have_the_features_of_their_definitions():
     slow = SlowFeatures(recipes, vectors)
     every = np.arange(SIZE)
     found = link_features(lists, COMBINES_WITH, every, every).numpy()
-    completed = np.log(FLOOR + completion(recipes, SIZE).numpy())
+    completed = np.log(FLOOR + completion(recipes, SIZE))
     place = OF_COMBINES.index("completion")
     np.testing.assert_allclose(found[..., place], completed, rtol=1e-4, atol=1e-4)
     found = np.delete(found, place, axis=2)

@@ -22,6 +22,7 @@ from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScore
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import ENCODE, EntityFeatures, make_features, named
 from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
+from wordcraft_kg.models.scorers.neighbours.storage import named_weights
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.runs.config_file import CONFIG_FILE
@@ -65,8 +66,7 @@ def extended(
     if scorer.knowledge.has_encoder:
         encoder = scorer.knowledge.encoder()
         new_vectors = every[size:].float().to(encoder.bias.device)
-        encoder_tensors = encoder.with_entities(new_vectors).named()
-        tensors |= {name: tensor[None] for name, tensor in encoder_tensors.items()}
+        tensors |= named_weights(encoder.with_entities(new_vectors), "encoder_")
     return RecipeScorer(
         constants | tensors,
         entities,

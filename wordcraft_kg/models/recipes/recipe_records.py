@@ -172,13 +172,9 @@ def recipes_history(files: RunFiles) -> History:
     }
     # A model of sets has no other books.
     sources = metrics.outside if isinstance(metrics, RecipeMetrics) else ()
-    return History(config, facts, metrics, made_by_other_books=made_by_other_books(sources))
-
-
-def made_by_other_books(sources: Sequence[OutsideSource]) -> frozenset[str] | None:
-    """Return the labels that any other book among the sources makes; None without a book."""
     labels = [frozenset(source.makes) for source in sources if source.kind == "book"]
-    return frozenset().union(*labels) if labels else None
+    made_by_other_books = frozenset().union(*labels) if labels else None
+    return History(config, facts, metrics, made_by_other_books=made_by_other_books)
 
 
 class FitsTraining(Training[RecipesConfig, Record, TrainedRecipes]):

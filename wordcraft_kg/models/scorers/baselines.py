@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, Ids, RecipeGraph
-from wordcraft_kg.graphs.arrays import different_ingredients
+from wordcraft_kg.graphs.arrays import are_among, different_ingredients
+from wordcraft_kg.graphs.triples import triple_keys
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.kernel import completion, profiles
 from wordcraft_kg.models.scorers.neighbours.regression import link_factors
@@ -27,23 +28,8 @@ class SymbolicScorer(Scorer):
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
         """Keep the triples, ids of shape (T, 3); ``kwargs`` are ``device`` and ``name``."""
         super().__init__(graph.entities, graph.hash, **kwargs)
-        ids = torch.tensor(triples, dtype=torch.int64, device=self.device)
-        heads, relations, tails = ids.T
-        keys = torch.unique(self._key(heads, relations, tails))
-        # Sorted keys need memory for T triples, a table for E * E pairs. The last key is larger
-        # than all triple keys, so searches always end at a key.
-        last = keys.new_full((1,), torch.iinfo(torch.int64).max)
-        self._keys = torch.cat([keys, last])
-
-    def _key(
-        self,
-        heads: torch.Tensor,
-        relations: torch.Tensor,
-        tails: torch.Tensor,
-    ) -> torch.Tensor:
-        size = len(self.entities)
-        rows = relations * size + heads
-        return rows * size + tails
+        # Sorted keys need memory for T triples, a table for E * E pairs.
+        self._keys = np.sort(triple_keys(triples, graph.num_entities))
 
     def _score(
         self,
@@ -51,10 +37,11 @@ class SymbolicScorer(Scorer):
         relations: torch.Tensor,
         tails: torch.Tensor,
     ) -> torch.Tensor:
-        keys = self._key(heads, relations, tails)
-        places = torch.searchsorted(self._keys, keys)
-        is_known = self._keys[places] == keys
-        return is_known.float()
+        size = len(self.entities)
+        # As in `triple_keys`, for ids of any shape.
+        keys = (relations * size + heads) * size + tails
+        is_known = are_among(keys.cpu().numpy(), self._keys)
+        return torch.from_numpy(is_known).float().to(self.device)
 
 
 class FrequencyScorer(Scorer):
@@ -310,7 +297,7 @@ class KernelScorer(TableScorer):
         factors, _ = link_factors(recipes, rows, units, rank=size)
         # Both terms are standardised first: their scales have nothing to do with each other.
         combines = standardised(factors.pair_left @ factors.right.T)
-        combines += _COMPLETION * standardised(completion(recipes, size).numpy())
+        combines += _COMPLETION * standardised(completion(recipes, size))
         component = standardised(factors.left @ factors.right.T)
         scores = torch.from_numpy(np.stack([combines, component])).float()
         settings = {"name": "recipe kernel", **kwargs}

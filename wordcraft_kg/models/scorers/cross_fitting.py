@@ -15,7 +15,7 @@ et al. 2018.
 
 from collections.abc import Callable, Sequence
 from functools import cache, partial
-from typing import Literal, overload
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -376,14 +376,6 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
         cut.of_recipe.copy(),
         FoldsRecord.unranked(cut),
     )
-
-
-@overload
-def whole_of(scorer: Scorer) -> Scorer: ...
-
-
-@overload
-def whole_of(scorer: TripleScorer) -> TripleScorer: ...
 
 
 def whole_of(scorer: TripleScorer) -> TripleScorer:

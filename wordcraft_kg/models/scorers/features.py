@@ -31,7 +31,7 @@ from wordcraft_kg.base.settings import (
     refuse,
     whole,
 )
-from wordcraft_kg.base.wording import words_in
+from wordcraft_kg.base.wording import listed, words_in
 from wordcraft_kg.runs.record import RunFiles, read_finished_run
 
 _RANDOM_DIMENSIONS = 300
@@ -278,10 +278,7 @@ def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> No
     # Without a single vector, zeros would train a model that sees nothing.
     if not missing or (missing < size and is_allowed):
         return
-    words = ", ".join(features.missing_words[:_LISTED])
-    num_further = len(features.missing_words) - _LISTED
-    if num_further > 0:
-        words += f" and {num_further:,} more"
+    words = listed(features.missing_words, _LISTED)
     if spec == "minilm" or os.path.isdir(spec):
         whose = "the built-in books' labels" if spec == "minilm" else "another book"
         remedy = (

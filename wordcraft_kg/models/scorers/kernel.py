@@ -6,9 +6,8 @@ See "Similar entities" and "Links by kernel regression" in docs/explanation/reci
 from typing import Any
 
 import numpy as np
-import torch
+from numpy.typing import NDArray
 from scipy import sparse
-from torch import Tensor
 
 from wordcraft_kg.graphs.arrays import Ids, distinct
 
@@ -41,24 +40,9 @@ def profiles(recipes: Ids, num_entities: int) -> Any:
     # A context is one number for (partner, result); only contexts that occur get a column.
     codes = partner_ids * num_entities + makes
     contexts, context = np.unique(codes, return_inverse=True)
-
-    def links(rows: Ids, columns: Ids, width: int) -> Any:
-        """Return a 0/1 matrix with ones at the given cells.
-
-        Args:
-            rows: entity of each cell, shape (n,).
-            columns: column of each cell, shape (n,).
-            width: number of columns.
-        """
-        # Unique, because the sparse matrix would add up repeated cells.
-        cells = distinct(rows * width + columns)
-        coordinates = np.divmod(cells, max(width, 1))
-        cell_values = np.ones(len(cells))
-        return sparse.csr_array((cell_values, coordinates), shape=(num_entities, width))
-
-    partners = links(entities, partner_ids, num_entities)
-    parts = links(entities, makes, num_entities)
-    context_links = links(entities, context, len(contexts))
+    partners = _links(entities, partner_ids, (num_entities, num_entities))
+    parts = _links(entities, makes, (num_entities, num_entities))
+    context_links = _links(entities, context, (num_entities, len(contexts)))
     blocks = [partners, parts, parts.T, _CONTEXT * context_links]
     rows = sparse.hstack(blocks).tocsr()
     total = np.asarray(rows.sum(axis=0))
@@ -73,7 +57,22 @@ def profiles(recipes: Ids, num_entities: int) -> Any:
     return unit.tocsr()
 
 
-def completion(recipes: Ids, num_entities: int) -> Tensor:
+def _links(rows: Ids, columns: Ids, shape: tuple[int, int]) -> Any:
+    """Return a sparse 0/1 matrix with ones at the given cells.
+
+    Args:
+        rows: row of each cell, shape (n,).
+        columns: column of each cell, shape (n,).
+        shape: numbers of rows and of columns.
+    """
+    width = shape[1]
+    # Unique, because the sparse matrix would add up repeated cells.
+    cells = distinct(rows * width + columns)
+    coordinates = np.divmod(cells, max(width, 1))
+    return sparse.csr_array((np.ones(len(cells)), coordinates), shape=shape)
+
+
+def completion(recipes: Ids, num_entities: int) -> NDArray[np.float32]:
     """Score all pairs as ingredients by known pairs with the same result.
 
     With ``R_c`` the degree-normalised symmetric matrix for pairs that make c, the score is
@@ -90,8 +89,7 @@ def completion(recipes: Ids, num_entities: int) -> Tensor:
     # R³ of all results, three products from the right; the product with nodesᵀ sums over results.
     third = pairs @ (pairs @ (pairs @ nodes))
     scores = nodes.T @ third
-    dense = scores.toarray()
-    return torch.from_numpy(dense.astype(np.float32))
+    return np.asarray(scores.toarray(), dtype=np.float32)
 
 
 def completion_parts(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
@@ -116,18 +114,12 @@ def completion_parts(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
     first_nodes, second_nodes = place.reshape(2, -1)
     count = len(cells)
     # Both directions; a + a gives the same cell twice, which counts once.
-    forth = first_nodes * count + second_nodes
-    back = second_nodes * count + first_nodes
-    ends = distinct(np.concatenate([forth, back]))
-    coordinates = np.divmod(ends, max(count, 1))
-    cell_values = np.ones(len(ends))
-    pairs = sparse.csr_array((cell_values, coordinates), shape=(count, count))
+    both_ways = np.concatenate([first_nodes, second_nodes])
+    partner_nodes = np.concatenate([second_nodes, first_nodes])
+    pairs = _links(both_ways, partner_nodes, (count, count))
     degrees = np.asarray(pairs.sum(axis=1))
     # Degrees are 1 or more: a node's own recipe gives it a pair.
     scale = sparse.diags_array(degrees**-0.5)
     normalised_pairs = scale @ pairs @ scale
-    every_node = np.arange(count)
-    entity = cells % num_entities
-    cell_values = np.ones(count)
-    nodes = sparse.csr_array((cell_values, (every_node, entity)), shape=(count, num_entities))
+    nodes = _links(np.arange(count), cells % num_entities, (count, num_entities))
     return nodes, normalised_pairs.tocsr()

@@ -195,31 +195,20 @@ class LinkEvidence:
         learned_from, num_further = self._listed(head, relation, tail)
         return LinkReason(learned_from, num_further, total, tuple(witnesses))
 
-    def recipes_of(self, head: int, relation: int, tail: int) -> Ids:
-        """Return the training recipes with a link.
-
-        Args:
-            head: entity id.
-            relation: relation id.
-            tail: entity id.
-
-        Returns:
-            row numbers in :attr:`recipes`, ascending.
-        """
-        *ingredients, result = self.recipes.T
-        uses_of_head = np.sum([column == head for column in ingredients], axis=0)
-        if relation != COMBINES_WITH:
-            return np.flatnonzero((uses_of_head > 0) & (result == tail))
-        # An entity is combined with itself where it stands twice.
-        uses_of_tail = np.sum([column == tail for column in ingredients], axis=0)
-        min_uses = 2 if head == tail else 1
-        return np.flatnonzero((uses_of_head >= min_uses) & (uses_of_tail >= min_uses))
-
     def _listed(self, head: int, relation: int, tail: int) -> tuple[tuple[Recipe, ...], int]:
         """Return the first recipes with a link, and the number of further recipes."""
-        rows = self.recipes_of(head, relation, tail)
-        listed = self.recipes[rows[:RECIPES]]
-        return recipes_of_ids(self.entities, listed), len(rows) - len(listed)
+        *ingredients, result = self.recipes.T
+        uses_of_head = np.sum([column == head for column in ingredients], axis=0)
+        if relation == COMBINES_WITH:
+            uses_of_tail = np.sum([column == tail for column in ingredients], axis=0)
+            # An entity is combined with itself where it stands twice.
+            min_uses = 2 if head == tail else 1
+            has_link = (uses_of_head >= min_uses) & (uses_of_tail >= min_uses)
+        else:
+            has_link = (uses_of_head > 0) & (result == tail)
+        recipes = self.recipes[has_link]
+        listed = recipes[:RECIPES]
+        return recipes_of_ids(self.entities, listed), len(recipes) - len(listed)
 
 
 # --- similar entities -----------------------------------------------------------------------------
@@ -312,12 +301,8 @@ class EntityRoles:
         cosines = np.stack(role_cosines, axis=1)
         means = (weights * cosines).sum(axis=1)
         order = np.argsort(-means, kind="stable")
-        # One more than the limit, because the entity is usually nearest to itself.
-        nearest = order[: limit + 1].tolist()
-        neighbours = [
-            (neighbour, float(means[neighbour])) for neighbour in nearest if neighbour != entity
-        ]
-        return neighbours[:limit]
+        nearest = order[order != entity][:limit]
+        return [(neighbour, float(means[neighbour])) for neighbour in nearest.tolist()]
 
 
 ROLES: tuple[tuple[int, Side], ...] = (

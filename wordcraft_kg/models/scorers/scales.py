@@ -193,9 +193,7 @@ def _rank_knots(
     within = beside.clip(0, len(values) - 1)
     knot_places = np.unique(within)
     # The last knot fills the row: a shape that does not depend on the scores.
-    missing = 3 * KNOTS - len(knot_places)
-    padding = np.full(missing, knot_places[-1])
-    filled = np.concatenate([knot_places, padding])
+    filled = np.pad(knot_places, (0, 3 * KNOTS - len(knot_places)), mode="edge")
     knots = torch.from_numpy(values[filled])
     heights = torch.from_numpy(standard[filled].astype(np.float32))
     return knots, heights

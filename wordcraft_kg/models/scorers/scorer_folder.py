@@ -41,7 +41,7 @@ from wordcraft_kg.models.scorers.ranking import (
     sampled_for,
 )
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
-from wordcraft_kg.models.scorers.score_limits import TABLE_LIMIT, has_table, table_bytes
+from wordcraft_kg.models.scorers.score_limits import check_table
 from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 from wordcraft_kg.runs.record import RunFiles, read_finished_run
@@ -266,7 +266,8 @@ def stored(scorer: TripleScorer) -> StoredScorer:
     # A table is made again, even from a table: its shape and type were never checked.
     if isinstance(scorer, StoredScorer) and not isinstance(scorer, TableScorer):
         result = scorer
-    elif has_table(size):
+    else:
+        check_table("saving a scorer that is not a ComplExScorer", size)
         tables = [
             scorer.table(relation).to("cpu", torch.float32) for relation in range(len(RELATIONS))
         ]
@@ -277,12 +278,6 @@ def stored(scorer: TripleScorer) -> StoredScorer:
                     f"{(size, size)}, by head and tail."
                 )
         result = TableScorer(torch.stack(tables), scorer.entities, scorer.graph_hash)
-    else:
-        raise ConfigError(
-            f"a score table for {size:,} entities takes {table_bytes(size) / 2**20:,.0f} MiB; "
-            f"expected at most {TABLE_LIMIT / 2**20:.0f} MiB. Only a ComplExScorer can be saved "
-            "without a table."
-        )
     # A NaN would make every rank wrong, and no error would say so.
     if not all(largest(tensor) <= MAX_WEIGHT for tensor in result.tensors().values()):
         raise ConfigError(

@@ -6,7 +6,7 @@ Each function writes to its own arrays only, and visits entries in a fixed order
 import numpy as np
 
 from wordcraft_kg.models.scorers.neighbours.compiled import compiled, in_place
-from wordcraft_kg.models.scorers.neighbours.similar import dot, fourth, similarity
+from wordcraft_kg.models.scorers.neighbours.similar import fourth, product, similarity
 
 FAR = 2**31 - 1
 """The id at the end of a list of ascending ids: above all entities."""
@@ -163,8 +163,8 @@ def merged_neighbours(  # type: ignore[no-untyped-def]
         made: receives the results, likewise.
     """
     size = len(norms)
-    used_ids, used_alike, used_words = used
-    made_ids, made_alike, made_words = made
+    used_ids, used_alike, _ = used
+    made_ids, made_alike, _ = made
     is_listed = np.zeros(size, dtype=np.bool_)
     structure = np.zeros(size, dtype=np.float32)
     cosines = np.empty(size, dtype=np.float32)
@@ -197,7 +197,7 @@ def merged_neighbours(  # type: ignore[no-untyped-def]
             value = np.float32(1)
             cosines[candidate] = 1
             if candidate != entity:
-                cosines[candidate] = dot(vectors, entity, candidate)
+                cosines[candidate] = product(vectors, vectors, entity, candidate)
                 value = similarity(
                     structure[candidate], cosines[candidate], norms[entity], norms[candidate]
                 )
@@ -209,12 +209,10 @@ def merged_neighbours(  # type: ignore[no-untyped-def]
         for place in range(number):
             is_listed[listed[place]] = False
             structure[listed[place]] = 0
-        for place in range(num_used):
-            used_alike[row, place] *= used_alike[row, place]
-            used_words[row, place] = fourth(cosines[used_ids[row, place]])
-        for place in range(num_made):
-            made_alike[row, place] *= made_alike[row, place]
-            made_words[row, place] = fourth(cosines[made_ids[row, place]])
+        for (ids, alike, words), count in ((used, num_used), (made, num_made)):
+            for place in range(count):
+                alike[row, place] *= alike[row, place]
+                words[row, place] = fourth(cosines[ids[row, place]])
 
 
 @compiled
@@ -262,7 +260,7 @@ def word_cosines(vectors, out):  # type: ignore[no-untyped-def]
     for entity in range(len(vectors)):
         out[entity, entity] = 1
         for partner in range(entity):
-            cosine = dot(vectors, entity, partner)
+            cosine = product(vectors, vectors, entity, partner)
             out[entity, partner] = cosine
             out[partner, entity] = cosine
 

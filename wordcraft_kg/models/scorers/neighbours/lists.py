@@ -255,10 +255,9 @@ def make_lists(
     # A power of 2 places, of which a quarter is filled at most.
     table_size = 1 << max(4, (4 * len(pair_keys)).bit_length())
     keys, first_recipes, counts = hash_loops.pair_table(pair_keys, table_size)
-    links = ordered[rows_of_links, 2] * size + ingredients
-    by_result, part_counts = np.unique(links, return_counts=True)
-    results, parts = np.divmod(by_result, size)
-    part_starts = np.searchsorted(results, np.arange(size + 1))
+    # By result and ingredient; equal cells are added up, so values are numbers of recipes.
+    cells = (ordered[rows_of_links, 2], ingredients)
+    parts = sparse.csr_array((np.ones(len(ingredients)), cells), shape=(size, size))
     partner_bits = np.zeros((size, _signature_bytes(size)), dtype=np.uint8)
     result_bits = np.zeros_like(partner_bits)
     for one, other in ((first, second), (second, first)):
@@ -281,7 +280,7 @@ def make_lists(
         result=result,
         pairs=PairTable(partner_bits, keys, first_recipes, counts, result),
         result_bits=result_bits,
-        parts=Rows(part_starts, parts.astype(np.int32), part_counts.astype(np.int32)),
+        parts=_sparse_rows(parts, np.int32),
         num_uses=num_uses,
         num_makers=num_makers,
         by_kernel=by_kernel,
@@ -292,12 +291,12 @@ def make_lists(
     )
 
 
-def _sparse_rows(matrix: Any) -> Rows:
+def _sparse_rows(matrix: Any, dtype: type[np.number[Any]] = np.float32) -> Rows:
     """Return a SciPy matrix by rows as arrays in the types that loops are compiled for."""
     # Without a copy if possible: those of a large book take hundreds of megabytes.
     starts = matrix.indptr.astype(np.int64, copy=False)
     columns = matrix.indices.astype(np.int32, copy=False)
-    return Rows(starts, columns, matrix.data.astype(np.float32, copy=False))
+    return Rows(starts, columns, matrix.data.astype(dtype, copy=False))
 
 
 def _structural_neighbours(rows: Any, nearest: int) -> Rows:

@@ -65,10 +65,6 @@ class PairEncoder(NamedTuple):
     bias_words: Tensor
     bias_base: Tensor
 
-    def named(self) -> dict[str, Tensor]:
-        """Return the tensors by their names in :data:`ENCODER`."""
-        return dict(zip(ENCODER, self, strict=True))
-
     def with_entities(self, vectors: Tensor) -> "PairEncoder":
         """Return an encoder of n more entities, which have words alone, (n, D)."""
         ingredient_vectors = (vectors @ self.used_words + self.used_bias).relu()

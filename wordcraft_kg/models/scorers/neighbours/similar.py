@@ -15,21 +15,6 @@ WORDS_WEIGHT = np.float32(0.2)
 
 
 @product_of_rows
-def dot(vectors, one, other):  # type: ignore[no-untyped-def]
-    """Return the product of two rows of a matrix.
-
-    Args:
-        vectors: shape (T, D).
-        one: number of a row.
-        other: number of the other row.
-    """
-    total = np.float32(0)
-    for place in range(vectors.shape[1]):
-        total += vectors[one, place] * vectors[other, place]
-    return total
-
-
-@product_of_rows
 def product(left, right, one, other):  # type: ignore[no-untyped-def]
     """Return the product of a row of ``left`` and a row of ``right``.
 
@@ -104,7 +89,7 @@ def alike_of(lists, entity, others, structure, kernels, cosines):  # type: ignor
             kernel = np.float32(1)
             cosine = np.float32(1)
         elif candidate >= 0:
-            cosine = dot(lists.vectors, entity, candidate)
+            cosine = product(lists.vectors, lists.vectors, entity, candidate)
             norms = lists.norms[entity], lists.norms[candidate]
             kernel = similarity(structure[candidate], cosine, *norms)
         kernels[number] = kernel

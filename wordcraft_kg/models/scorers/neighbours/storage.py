@@ -235,15 +235,15 @@ class StoredKnowledge(nn.Module):
             "near_words": torch.from_numpy(near_words),
             "recipes": rows,
             "seen": torch.ones(1, len(rows), dtype=torch.bool),
-            **_named(pair_ranker),
+            **named_weights(pair_ranker),
         }
         for number, relation in enumerate(RELATIONS):
             ranker = link_rankers.get(number) or Ranker.empty(len(LINK_FEATURES[number]))
-            constants |= _named(ranker, f"{relation}_")
+            constants |= named_weights(ranker, f"{relation}_")
             constants[f"{relation}_table"] = torch.zeros(1, 0, 0, dtype=torch.half)
         if encoder is not None:
-            constants |= {name: tensor[None] for name, tensor in encoder.named().items()}
-            constants |= _named(pair_ranker, "results_")
+            constants |= named_weights(encoder, "encoder_")
+            constants |= named_weights(pair_ranker, "results_")
         return cls(constants)
 
     @classmethod
@@ -283,7 +283,7 @@ class StoredKnowledge(nn.Module):
             ranker: the ranker.
             prefix: empty for the ranker of recipes, ``results_`` for that of results.
         """
-        return self.with_tensors(_named(ranker, prefix))
+        return self.with_tensors(named_weights(ranker, prefix))
 
     def with_link_tables(self, tables: Mapping[int, Tensor]) -> Self:
         """Return a copy whose links are scored by tables; only for a single model, M = 1.
@@ -385,9 +385,9 @@ class StoredKnowledge(nn.Module):
         return np.where(ids == self.num_entities, -1, ids)
 
 
-def _named(ranker: Ranker, prefix: str = "") -> dict[str, Tensor]:
-    """Return a ranker's weights by prefixed name, with a first axis for a single model."""
-    return {f"{prefix}{name}": weights[None] for name, weights in ranker._asdict().items()}
+def named_weights(network: Ranker | PairEncoder, prefix: str = "") -> dict[str, Tensor]:
+    """Return a network's weights by prefixed name, with a first axis for a single model."""
+    return {f"{prefix}{name}": weights[None] for name, weights in network._asdict().items()}
 
 
 def _renew(knowledge: nn.Module, _: object) -> None:

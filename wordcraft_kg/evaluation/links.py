@@ -39,6 +39,9 @@ from wordcraft_kg.models.scorers.ranking import (
     RankingMetrics,
     random_metrics,
     random_reciprocal_ranks,
+    rank_triples,
+    ranking_metrics,
+    sampled,
     slice_masks,
     with_interval,
 )
@@ -431,6 +434,7 @@ class LinkView(Record):
         checks: conditions for valid metrics.
         metrics: metrics with filtered ranks for all queries, each relation, and each relation and
             side; equal scores share their mean rank.
+        with_leaked: metrics with the leaked triples included; None if none are left out.
         folds: MRR of a cross-fitted model on train triples, with and without them in training; None
             for other models.
         probabilities: calibration of a cross-fitted model; empty for other models.
@@ -455,6 +459,7 @@ class LinkView(Record):
     leakage: dict[Relation, Leakage]
     checks: Annotated[tuple[Check, ...], msgspec.Meta(min_length=2)]
     metrics: Slices
+    with_leaked: RankingMetrics | None
     folds: FoldsRecord | None
     probabilities: tuple[Reliability, ...]
     baselines: dict[str, Slices]
@@ -525,6 +530,7 @@ def view_links(
         leakage=leakage(links.opened.split),
         checks=tuple(_checks(links)),
         metrics=_with_intervals(links, ranks, masks),
+        with_leaked=_with_leaked(links),
         folds=folds,
         probabilities=tuple(reliability_of(links)),
         baselines=baselines,
@@ -535,6 +541,20 @@ def view_links(
         perhaps_missing=lists["perhaps_missing"],
         provenance=dict(provenance or {}),
     )
+
+
+def _with_leaked(links: RankedLinks) -> RankingMetrics | None:
+    """Return metrics with the leaked triples included; None if none are left out."""
+    split = links.opened.split
+    everything = split.triples_of("test")
+    leaked = everything[~is_in(everything, split.held_out("test"), links.graph.num_entities)]
+    if links.is_full or not len(leaked):
+        return None
+    # Sampling leaked and unseen triples in equal shares makes a uniform sample.
+    share = len(links.queries) / links.population
+    leaked = sampled(leaked, max(1, round(len(leaked) * share)))
+    ranks = rank_triples(links.scorer, leaked, links.graph.triples)
+    return ranking_metrics(pd.concat([links.ranks, ranks]))
 
 
 def _checks(links: RankedLinks) -> Iterator[Check]:

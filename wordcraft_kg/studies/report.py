@@ -28,7 +28,12 @@ def tables_of(view: StudyView) -> list[list[dict[str, str]]]:
     A column without text at all points is left out of all tables, so that tables stay comparable.
     """
     entries = _entries(view)
-    columns = [(heading, text) for heading, text in _COLUMNS if any(map(text, entries))]
+    over = "splits" if view.study.vary_split else _RESAMPLED
+    columns = [
+        (heading.replace(_RESAMPLED, over), text)
+        for heading, text in _COLUMNS
+        if any(map(text, entries))
+    ]
 
     def row(entry: VariantMetrics) -> dict[str, str]:
         return {heading: text(entry) for heading, text in columns}
@@ -118,11 +123,13 @@ def in_words(claim: Claim, measured: Measured) -> str:
     return f"{_MEASURES[claim.measure]}{sides}: {difference} ({size})"
 
 
+_RESAMPLED = "seeds, tasks"
+"""What the intervals of a column are over, in its heading; over splits, another."""
 _COLUMNS: tuple[_Column, ...] = (
     ("variant", lambda at: at.variant),
     ("seeds", lambda at: str(len(at.seeds))),
-    ("success", lambda at: with_bounds(at.mean, at.interval)),
-    ("difference", difference_of),
+    (f"success [{_RESAMPLED}]", lambda at: with_bounds(at.mean, at.interval)),
+    (f"difference [{_RESAMPLED}]", difference_of),
     ("train", lambda at: "" if at.train is None else f"{at.train:.3f}"),
     ("MRR", _mrr),
     ("p", p_value_of),

@@ -300,8 +300,9 @@ def view_agents(
 def _made_by_other_books(agents: Sequence[OpenedAgent]) -> frozenset[str] | None:
     """Return the labels that other books of any scorer make; None if no scorer has another book."""
     # One set for all agents: success is compared on the same groups of goals.
-    labels_by_agent = [agent.made_by_other_books for agent in agents]
-    label_sets = [labels for labels in labels_by_agent if labels is not None]
+    label_sets = [
+        agent.made_by_other_books for agent in agents if agent.made_by_other_books is not None
+    ]
     return frozenset().union(*label_sets) if label_sets else None
 
 
@@ -311,9 +312,9 @@ def _scorers_alone(groups: Groups, evaluators: dict[int, Evaluator]) -> _Scorers
         # Runs of an agent share the scorer, and so may agents: each scorer plays once.
         agent = members[0]
         if agent.policy.sources and _scores_of(agent) not in played:
-            players_by_sources = players.scorer_alone(agent.policy.sources)
             results = {
-                sources: _play(player, evaluators) for sources, player in players_by_sources.items()
+                sources: _play(player, evaluators)
+                for sources, player in players.scorer_alone(agent.policy.sources).items()
             }
             played[_scores_of(agent)] = name, results
     return played
@@ -755,5 +756,4 @@ def _external_rows(
         raise ConfigError(f"`player` '{player.name[:100]}': expected {kinds}.")
     name, results = EXTERNAL[kind](player, worlds, tables, limit)
     for world, result in zip(worlds, results, strict=True):
-        amount = world.config.num_distractors
-        yield from success_rows(name, amount, result, {})
+        yield from success_rows(name, world.config.num_distractors, result, {})

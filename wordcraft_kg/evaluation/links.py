@@ -515,7 +515,6 @@ def view_links(
     }
     # Random order has a formula, so its metrics need no interval.
     baselines["random"] = {part: random_metrics(ranks[mask]) for part, mask in masks.items()}
-    lists = listed_triples(links)
     return LinkView(
         format="wordcraft-kg link report 1",
         model=EvaluatedModel(name, links.kg, links.is_full),
@@ -536,10 +535,8 @@ def view_links(
         baselines=baselines,
         comparisons=tuple(comparisons_of(links)),
         drill_down=drill_down_of(links),
-        best=lists["best"],
-        worst=lists["worst"],
-        perhaps_missing=lists["perhaps_missing"],
         provenance=dict(provenance or {}),
+        **listed_triples(links),
     )
 
 
@@ -582,7 +579,15 @@ def _checks(links: RankedLinks) -> Iterator[Check]:
     # A symmetric model knows a triple if it has seen the mirror.
     mirrors = test[test[:, 1] == COMBINES_WITH][:, [2, 1, 0]]
     mirrored = int(np.sum(is_in(mirrors, links.train_sample.triples, graph.num_entities)))
-    no_leak = "no evaluated triple is in the training triples"
-    yield Check("leak", no_leak, not in_train, f"{in_train} found")
-    no_mirror = "no combinesWith triple has its mirror in the training triples"
-    yield Check("mirror", no_mirror, not mirrored, f"{mirrored} found")
+    yield Check(
+        "leak",
+        "no evaluated triple is in the training triples",
+        not in_train,
+        f"{in_train} found",
+    )
+    yield Check(
+        "mirror",
+        "no combinesWith triple has its mirror in the training triples",
+        not mirrored,
+        f"{mirrored} found",
+    )

@@ -334,12 +334,8 @@ def compare(contenders: Sequence[Contender]) -> LinkComparison:
     best = max(fair, key=lambda pair: float(pair[1].mean()), default=None)
     not_significant = []
     for candidate in fair:
-        if best is None or candidate is best:
-            continue
-        lead = best[1] - candidate[1]
         # The best model is ahead by its mean: only the lower end can include 0.
-        low, _ = interval(lead)
-        if low <= 0:
+        if best and candidate is not best and interval(best[1] - candidate[1])[0] <= 0:
             not_significant.append(candidate[0])
     return LinkComparison(
         graph=PlayedGraph.of(shared.opened),

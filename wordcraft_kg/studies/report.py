@@ -6,13 +6,13 @@ from operator import attrgetter
 from statistics import fmean
 
 from wordcraft_kg.base.wording import counted
+from wordcraft_kg.evaluation.agent_metrics import Interval
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.charts import Chart
 from wordcraft_kg.reports.pages import Report
 from wordcraft_kg.studies.claims import REACHED, Measured
 from wordcraft_kg.studies.study import Claim, title_of
 from wordcraft_kg.studies.view import (
-    Interval,
     PointMetrics,
     StudyView,
     VariantMetrics,

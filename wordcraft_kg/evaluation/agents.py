@@ -353,7 +353,11 @@ def _baselines(
     # Words as strong as those of each scorer; equal vectors have equal names.
     words: dict[str, players.Player] = {}
     for members in groups.values():
-        words |= _words_beside(members[0])
+        knowledge = [
+            getattr(source, "knowledge", None) for source in members[0].policy.sources.values()
+        ]
+        of_recipes = [each for each in knowledge if isinstance(each, RecipeKnowledge)]
+        words |= players.words_player(first.opened.graph, of_recipes[0] if of_recipes else None)
     results |= {name: _play(player, evaluators) for name, player in words.items()}
     for agent, results_by_sources in scorers.values():
         results |= {
@@ -365,15 +369,6 @@ def _baselines(
     for name, played in results.items():
         for amount, result in played.items():
             yield from success_rows(name, amount, result, {})
-
-
-def _words_beside(agent: OpenedAgent) -> dict[str, players.Player]:
-    """Return the player by nearest words with the vectors of an agent's scorer, by its name."""
-    knowledge = [getattr(source, "knowledge", None) for source in agent.policy.sources.values()]
-    recipe_knowledge = [source for source in knowledge if isinstance(source, RecipeKnowledge)]
-    return players.words_player(
-        agent.opened.graph, recipe_knowledge[0] if recipe_knowledge else None
-    )
 
 
 def _conditions(

@@ -220,8 +220,7 @@ def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
 
 def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunResult]:
     """Return a variant's runs by seed; ConfigError without runs, with the first known reason."""
-    of_variant = [run for run in results.runs if run.variant == variant]
-    runs = {run.seed: run for run in of_variant if run.values == point}
+    runs = {run.seed: run for run in results.runs if run.variant == variant and run.values == point}
     if not runs:
         gaps = [gap for gap in results.missing if gap.variant == variant and gap.values == point]
         reason = gaps[0].why if gaps else "not in the study"

@@ -224,8 +224,8 @@ def comparisons_of(links: RankedLinks) -> Iterator[BaselineComparison]:
     baselines = {name: _reciprocal(ranks) for name, ranks in links.baseline_ranks.items()}
     # The expectation over random orders, and not one order: its own luck would widen the interval.
     baselines["random"] = random_reciprocal_ranks(links.ranks)
-    best_first = sorted(baselines, key=lambda name: -float(baselines[name].mean()))
-    for name in best_first:
+    # The best baseline first.
+    for name in sorted(baselines, key=lambda name: -float(baselines[name].mean())):
         difference = reciprocal_ranks - baselines[name]
         means = bootstrap(difference, links.clusters)
         low, high = cluster_interval(difference, links.clusters, means)
@@ -234,8 +234,7 @@ def comparisons_of(links: RankedLinks) -> Iterator[BaselineComparison]:
             verdict = "above"
         elif high < 0:
             verdict = "below"
-        mean = float(difference.mean())
-        yield BaselineComparison(name, mean, (low, high), verdict)
+        yield BaselineComparison(name, float(difference.mean()), (low, high), verdict)
 
 
 def _reciprocal(ranks: pd.DataFrame) -> NDArray[np.float64]:

@@ -376,9 +376,8 @@ def _averaged(
     ranks = [run.ranks for run in links]
     metrics = [ranking_metrics(frame) for frame in ranks]
     # Means over seeds of each metric, and no metric of mean ranks, which would favour many seeds.
-    averaged = ("mrr", "hits_at_1", "hits_at_3", "hits_at_10", "mean_rank", "amri")
     means: dict[str, Any] = {}
-    for name in averaged:
+    for name in ("mrr", "hits_at_1", "hits_at_3", "hits_at_10", "mean_rank", "amri"):
         values = [getattr(seed_metrics, name) for seed_metrics in metrics]
         means[name] = float(np.mean(values))
     # MRR is None only without queries, which compare() refuses.

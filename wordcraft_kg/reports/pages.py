@@ -107,8 +107,7 @@ class Outline:
         term = GLOSSARY[key] if key in GLOSSARY else _term(label_of(key))
         self.terms[key] = term
         name = f"{term.name} ({term.symbol})" if term.symbol else term.name
-        shown = text or name
-        return Markup('<abbr title="{}">{}</abbr>').format(term.meaning, shown)
+        return Markup('<abbr title="{}">{}</abbr>').format(term.meaning, text or name)
 
 
 def render_page(template: str, *, data: Sequence[str] = (), **values: Any) -> str:

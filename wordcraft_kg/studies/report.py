@@ -206,8 +206,9 @@ def _curves(view: StudyView, point: PointMetrics) -> Chart:
     last_step = max(at.step for entry in point.variants for at in entry.curve)
     drawn = []
     for entry in point.variants:
-        points: list[charts.CurvePoint]
-        points = [(at.step, at.success, at.low, at.high) for at in entry.curve]
+        points: list[charts.CurvePoint] = [
+            (at.step, at.success, at.low, at.high) for at in entry.curve
+        ]
         is_level = not entry.curve
         # A player without training is a level from the first step to the last.
         if is_level:

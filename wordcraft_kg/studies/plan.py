@@ -267,7 +267,7 @@ class _Planner:
             raise ConfigError(f"variant '{cell.variant}'{_values(cell.values)}: {error}") from None
 
     def _add(self, kind: Kind, described: dict[str, Any], title: str, **others: Any) -> str:
-        # A part of the address are the number of the version, see VERSIONS, and vectors' content.
+        # The address covers the version, see VERSIONS, and the content of a file of vectors.
         content = self._content(described.get("settings", {}).get("features"))
         settings = {"version": VERSIONS[kind], **described, **content}
         task = Task(kind, settings, title, **others)
@@ -368,13 +368,12 @@ class _Planner:
         described = {"graph": graph, "scorer": scorer, "settings": settings}
         described |= _recorded(config.plugins)
         title = f"{cell.variant}{_values(cell.values)}, seed {cell.seed}"
-        needs = (graph,) if scorer is None else (graph, scorer)
         trainer = config.trainer
         return self._add(
             "runs",
             described,
             title,
-            needs=needs,
+            needs=tuple(filter(None, (graph, scorer))),
             threads=trainer.threads,
             device=trainer.device,
         )
@@ -400,8 +399,7 @@ class _Planner:
                 )
         described = {"graph": graph, "scorer": scorer, "settings": settings}
         title = f"{cell.variant}{_values(cell.values)}, {self.tasks[graph].title}"
-        needs = (graph,) if scorer is None else (graph, scorer)
-        return self._add("runs", described, title, needs=needs)
+        return self._add("runs", described, title, needs=tuple(filter(None, (graph, scorer))))
 
 
 def _book_graph(book: str) -> RecipeGraph:

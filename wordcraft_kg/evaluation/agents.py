@@ -1,8 +1,7 @@
 """Success of trained agents and of scripted players on the tasks of a split part.
 
 :func:`view_agents` compares agents over all training seeds, :func:`view_evaluation` evaluates one,
-:func:`view_baselines` scripted players, all on the same tables; :func:`view_explanation` explains
-episodes.
+:func:`view_baselines` scripted players, all on the same tables.
 """
 
 import re
@@ -27,7 +26,6 @@ from wordcraft_kg.agents.evaluation import (
     play_all,
     success_rows,
 )
-from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
 from wordcraft_kg.base import (
     ConfigError,
     Count,
@@ -116,22 +114,6 @@ class AgentEntry(Record):
     lambdas: tuple[LambdaCurve, ...]
     training: dict[TrainingMetric, tuple[SeedCurve, ...]]
     provenance: dict[str, dict[str, str]]
-
-
-class Explanation(Record):
-    """Episodes of a trained agent, with all scores and logits for each action.
-
-    Attributes:
-        run: folder of the run.
-        checkpoint: checkpoint of the agent's weights.
-        part: split part with the tasks.
-        episodes: the explained episodes.
-    """
-
-    run: str
-    checkpoint: str
-    part: TaskPart
-    episodes: tuple[ExplainedEpisode, ...]
 
 
 class AgentsView(Record):
@@ -596,44 +578,6 @@ def view_evaluation(
         sources=sources,
         by_goal=by_goal,
     )
-
-
-def view_explanation(
-    run: Path,
-    agent: OpenedAgent,
-    part: TaskPart,
-    distractors: int | None,
-    goal: str | None,
-    episodes: int,
-    *,
-    task: int | None = None,
-) -> Explanation:
-    """Play episodes and explain each action.
-
-    Args:
-        run: folder of ``agent``.
-        agent: the trained agent.
-        part: split part with the tasks.
-        distractors: distractors on each table; None for the number in training.
-        goal: label of the goal; None for any goal.
-        episodes: number of episodes.
-        task: index of the only task to play; None for tasks in turn.
-
-    Returns:
-        The episodes, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`.
-
-    Raises:
-        UnknownEntityError: if the goal does not exist.
-        TaskError: if the part has no tasks, or none with the goal.
-        ConfigError: if the task does not exist, the graph has too few entities for so many
-            distractors, or the policy has other slots.
-    """
-    # Without a number, tables are as in training.
-    world = World(agent.opened, agent.config.tasks.environment(part, distractors))
-    explained = explain_episodes(
-        agent.policy, world, goal=goal, episodes=episodes, outside=agent.outside, task=task
-    )
-    return Explanation(str(run), agent.checkpoint, part, explained)
 
 
 class Baselines(Record):

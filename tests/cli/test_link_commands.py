@@ -91,11 +91,13 @@ def test_evaluate_links_prints_one_object_with_baselines(evaluated, trained):
     assert values["leaked_left_out"] == len(split.triples_of("test")) - len(split.held_out("test"))
     folder, text, _ = evaluated
     assert all(
-        part in text for part in ("leaked ones left out", "frequency", "random", "index.html")
+        part in text
+        for part in ("leaked ones left out", "with leaked", "frequency", "random", "index.html")
     )
     mrr = values["metrics"]["all"]["mrr"]
     assert f"{mrr:.3f}" in (folder / "index.html").read_text(encoding="utf-8")
-    assert json.loads((folder / "report.json").read_text(encoding="utf-8")) == values
+    report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    assert report | {"report": str(folder / "index.html")} == values
     assert values["provenance"]["trained by"]
     assert (folder / "ranks.csv").is_file()
 

@@ -147,11 +147,18 @@ def test_a_report_with_a_value_that_its_type_does_not_have_is_not_written(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_headline_is_the_filtered_ranking_of_unseen_triples(values, graph, split, ranks):
+def test_the_headline_is_the_filtered_ranking_of_unseen_triples(
+    values, kitchen_report, kitchen_model, graph, split, ranks
+):
+    """The headline leaves leaked triples out, and the MRR with them stands beside it."""
     queries = split.held_out("test")
     assert not is_in(queries, split.partial, graph.num_entities).any()
     assert without_ci(values["metrics"]["all"]) == as_values(ranking_metrics(ranks))
     assert (values["triples"], values["queries"]) == (len(queries), 2 * len(queries))
+    all_ranks = rank_triples(kitchen_model.scorer, split.triples_of("test"), graph.triples)
+    expected = as_values(ranking_metrics(all_ranks))
+    assert values["with_leaked"] == pytest.approx(expected, rel=1e-12)
+    assert f"MRR would be {expected['mrr']:.3f}" in render(kitchen_report)
 
 
 def test_the_baselines_are_of_train_and_expected_chance(values, graph, split):
@@ -305,6 +312,7 @@ def test_a_report_of_the_full_graph_is_marked_as_seen(full_report, kitchen_repor
     """A report of the full graph ranks all its triples and is marked as having seen them."""
     values = values_of(full_report)
     assert (values["triples"], values["leaked_left_out"]) == (len(graph.triples), 0)
+    assert values["with_leaked"] is None
     assert checks(values) == {"graph": True, "coverage": True}
     for report, has_seen in ((full_report, True), (kitchen_report, False)):
         assert report.view.model.has_seen_the_test_recipes is has_seen

@@ -228,17 +228,23 @@ def explain(
         distractors: number of distractors on the table. Default: as in training.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.evaluation.agents import view_explanation
+    from wordcraft_kg.agents.explanation import explain_episodes
+    from wordcraft_kg.envs.world import World
 
     if goal is not None and task is not None:
         raise ConfigError("`goal` and `task` both choose tasks; give one of them.")
     whole("episodes", episodes, 1, MAX_SIZE)
     agent = open_agent(run, graph)
-    view = view_explanation(run, agent, part, distractors, goal, episodes, task=task)
+    # Without a number, tables are as in training.
+    world = World(agent.opened, agent.config.tasks.environment(part, distractors))
+    explained = explain_episodes(
+        agent.policy, world, goal=goal, episodes=episodes, outside=agent.outside, task=task
+    )
     lines: list[str] = []
-    for number, episode in enumerate(view.episodes, 1):
+    for number, episode in enumerate(explained, 1):
         lines += _text(number, episode)
-    output.result(view, [*_legend(view.episodes[0].steps[0], lines), "", *lines])
+    view = {"run": str(run), "checkpoint": agent.checkpoint, "part": part, "episodes": explained}
+    output.result(view, [*_legend(explained[0].steps[0], lines), "", *lines])
 
 
 def _legend(step: "ExplainedStep", lines: Sequence[str]) -> Iterator[str]:

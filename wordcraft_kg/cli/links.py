@@ -127,7 +127,7 @@ def evaluate_links(
         *write_table(table, rows, force=force),
         f"wrote {folder}/   open {folder / 'index.html'}",
     ]
-    output.result(view, text)
+    output.result({**as_values(view), "report": str(folder / "index.html")}, text)
     # Coverage depends on the split (by-goal splits lack coverage); if another check fails, no
     # metric is valid.
     failed = [check for check in view.checks if not check.passed and check.id != "coverage"]
@@ -194,6 +194,8 @@ def _rows_of_evaluation(view: "LinkView") -> list[dict[str, Any]]:
             tables.append((name, "no near-synonym", distant))
         by_book = view.drill_down.get("other_book", {})
         tables += [(name, goals, metrics) for goals, metrics in by_book.items()]
+    if view.with_leaked:
+        tables.append((name, "with leaked", view.with_leaked))
     return [
         {
             "model": model,

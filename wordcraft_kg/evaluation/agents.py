@@ -1,8 +1,7 @@
 """Success of trained agents and of scripted players on the tasks of a split part.
 
 :func:`view_agents` compares agents over all training seeds, :func:`view_evaluation` evaluates one,
-:func:`view_baselines` scripted players, all on the same tables; :func:`view_explanation` explains
-episodes.
+:func:`view_baselines` scripted players, all on the same tables.
 """
 
 import re
@@ -27,7 +26,6 @@ from wordcraft_kg.agents.evaluation import (
     play_all,
     success_rows,
 )
-from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
 from wordcraft_kg.base import (
     ConfigError,
     Count,
@@ -116,22 +114,6 @@ class AgentEntry(Record):
     lambdas: tuple[LambdaCurve, ...]
     training: dict[TrainingMetric, tuple[SeedCurve, ...]]
     provenance: dict[str, dict[str, str]]
-
-
-class Explanation(Record):
-    """Episodes of a trained agent, with all scores and logits for each action.
-
-    Attributes:
-        run: folder of the run.
-        checkpoint: checkpoint of the agent's weights.
-        part: split part with the tasks.
-        episodes: the explained episodes.
-    """
-
-    run: str
-    checkpoint: str
-    part: TaskPart
-    episodes: tuple[ExplainedEpisode, ...]
 
 
 class AgentsView(Record):
@@ -300,8 +282,9 @@ def view_agents(
 def _made_by_other_books(agents: Sequence[OpenedAgent]) -> frozenset[str] | None:
     """Return the labels that other books of any scorer make; None if no scorer has another book."""
     # One set for all agents: success is compared on the same groups of goals.
-    labels_by_agent = [agent.made_by_other_books for agent in agents]
-    label_sets = [labels for labels in labels_by_agent if labels is not None]
+    label_sets = [
+        agent.made_by_other_books for agent in agents if agent.made_by_other_books is not None
+    ]
     return frozenset().union(*label_sets) if label_sets else None
 
 
@@ -311,9 +294,9 @@ def _scorers_alone(groups: Groups, evaluators: dict[int, Evaluator]) -> _Scorers
         # Runs of an agent share the scorer, and so may agents: each scorer plays once.
         agent = members[0]
         if agent.policy.sources and _scores_of(agent) not in played:
-            players_by_sources = players.scorer_alone(agent.policy.sources)
             results = {
-                sources: _play(player, evaluators) for sources, player in players_by_sources.items()
+                sources: _play(player, evaluators)
+                for sources, player in players.scorer_alone(agent.policy.sources).items()
             }
             played[_scores_of(agent)] = name, results
     return played
@@ -352,7 +335,11 @@ def _baselines(
     # Words as strong as those of each scorer; equal vectors have equal names.
     words: dict[str, players.Player] = {}
     for members in groups.values():
-        words |= _words_beside(members[0])
+        knowledge = [
+            getattr(source, "knowledge", None) for source in members[0].policy.sources.values()
+        ]
+        of_recipes = [each for each in knowledge if isinstance(each, RecipeKnowledge)]
+        words |= players.words_player(first.opened.graph, of_recipes[0] if of_recipes else None)
     results |= {name: _play(player, evaluators) for name, player in words.items()}
     for agent, results_by_sources in scorers.values():
         results |= {
@@ -364,15 +351,6 @@ def _baselines(
     for name, played in results.items():
         for amount, result in played.items():
             yield from success_rows(name, amount, result, {})
-
-
-def _words_beside(agent: OpenedAgent) -> dict[str, players.Player]:
-    """Return the player by nearest words with the vectors of an agent's scorer, by its name."""
-    knowledge = [getattr(source, "knowledge", None) for source in agent.policy.sources.values()]
-    recipe_knowledge = [source for source in knowledge if isinstance(source, RecipeKnowledge)]
-    return players.words_player(
-        agent.opened.graph, recipe_knowledge[0] if recipe_knowledge else None
-    )
 
 
 def _conditions(
@@ -602,44 +580,6 @@ def view_evaluation(
     )
 
 
-def view_explanation(
-    run: Path,
-    agent: OpenedAgent,
-    part: TaskPart,
-    distractors: int | None,
-    goal: str | None,
-    episodes: int,
-    *,
-    task: int | None = None,
-) -> Explanation:
-    """Play episodes and explain each action.
-
-    Args:
-        run: folder of ``agent``.
-        agent: the trained agent.
-        part: split part with the tasks.
-        distractors: distractors on each table; None for the number in training.
-        goal: label of the goal; None for any goal.
-        episodes: number of episodes.
-        task: index of the only task to play; None for tasks in turn.
-
-    Returns:
-        The episodes, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`.
-
-    Raises:
-        UnknownEntityError: if the goal does not exist.
-        TaskError: if the part has no tasks, or none with the goal.
-        ConfigError: if the task does not exist, the graph has too few entities for so many
-            distractors, or the policy has other slots.
-    """
-    # Without a number, tables are as in training.
-    world = World(agent.opened, agent.config.tasks.environment(part, distractors))
-    explained = explain_episodes(
-        agent.policy, world, goal=goal, episodes=episodes, outside=agent.outside, task=task
-    )
-    return Explanation(str(run), agent.checkpoint, part, explained)
-
-
 class Baselines(Record):
     """Success rates of scripted players.
 
@@ -755,5 +695,4 @@ def _external_rows(
         raise ConfigError(f"`player` '{player.name[:100]}': expected {kinds}.")
     name, results = EXTERNAL[kind](player, worlds, tables, limit)
     for world, result in zip(worlds, results, strict=True):
-        amount = world.config.num_distractors
-        yield from success_rows(name, amount, result, {})
+        yield from success_rows(name, world.config.num_distractors, result, {})

@@ -111,9 +111,8 @@ class RecipeFinder:
     @cached_property
     def learned(self) -> Ids:
         """Ingredients and results of the recipes that the model knows, ids of shape (3, n)."""
-        columns = (self.lists.first, self.lists.second, self.lists.result)
         # Lists have int32 ids, whose products would overflow.
-        return np.array(columns, dtype=np.int64)
+        return np.array([self.lists.first, self.lists.second, self.lists.result], dtype=np.int64)
 
     @cached_property
     def known(self) -> Ids:

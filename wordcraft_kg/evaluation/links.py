@@ -39,6 +39,9 @@ from wordcraft_kg.models.scorers.ranking import (
     RankingMetrics,
     random_metrics,
     random_reciprocal_ranks,
+    rank_triples,
+    ranking_metrics,
+    sampled,
     slice_masks,
     with_interval,
 )
@@ -221,8 +224,8 @@ def comparisons_of(links: RankedLinks) -> Iterator[BaselineComparison]:
     baselines = {name: _reciprocal(ranks) for name, ranks in links.baseline_ranks.items()}
     # The expectation over random orders, and not one order: its own luck would widen the interval.
     baselines["random"] = random_reciprocal_ranks(links.ranks)
-    best_first = sorted(baselines, key=lambda name: -float(baselines[name].mean()))
-    for name in best_first:
+    # The best baseline first.
+    for name in sorted(baselines, key=lambda name: -float(baselines[name].mean())):
         difference = reciprocal_ranks - baselines[name]
         means = bootstrap(difference, links.clusters)
         low, high = cluster_interval(difference, links.clusters, means)
@@ -231,8 +234,7 @@ def comparisons_of(links: RankedLinks) -> Iterator[BaselineComparison]:
             verdict = "above"
         elif high < 0:
             verdict = "below"
-        mean = float(difference.mean())
-        yield BaselineComparison(name, mean, (low, high), verdict)
+        yield BaselineComparison(name, float(difference.mean()), (low, high), verdict)
 
 
 def _reciprocal(ranks: pd.DataFrame) -> NDArray[np.float64]:
@@ -431,6 +433,7 @@ class LinkView(Record):
         checks: conditions for valid metrics.
         metrics: metrics with filtered ranks for all queries, each relation, and each relation and
             side; equal scores share their mean rank.
+        with_leaked: metrics with the leaked triples included; None if none are left out.
         folds: MRR of a cross-fitted model on train triples, with and without them in training; None
             for other models.
         probabilities: calibration of a cross-fitted model; empty for other models.
@@ -455,6 +458,7 @@ class LinkView(Record):
     leakage: dict[Relation, Leakage]
     checks: Annotated[tuple[Check, ...], msgspec.Meta(min_length=2)]
     metrics: Slices
+    with_leaked: RankingMetrics | None
     folds: FoldsRecord | None
     probabilities: tuple[Reliability, ...]
     baselines: dict[str, Slices]
@@ -510,7 +514,6 @@ def view_links(
     }
     # Random order has a formula, so its metrics need no interval.
     baselines["random"] = {part: random_metrics(ranks[mask]) for part, mask in masks.items()}
-    lists = listed_triples(links)
     return LinkView(
         format="wordcraft-kg link report 1",
         model=EvaluatedModel(name, links.kg, links.is_full),
@@ -525,16 +528,29 @@ def view_links(
         leakage=leakage(links.opened.split),
         checks=tuple(_checks(links)),
         metrics=_with_intervals(links, ranks, masks),
+        with_leaked=_with_leaked(links),
         folds=folds,
         probabilities=tuple(reliability_of(links)),
         baselines=baselines,
         comparisons=tuple(comparisons_of(links)),
         drill_down=drill_down_of(links),
-        best=lists["best"],
-        worst=lists["worst"],
-        perhaps_missing=lists["perhaps_missing"],
         provenance=dict(provenance or {}),
+        **listed_triples(links),
     )
+
+
+def _with_leaked(links: RankedLinks) -> RankingMetrics | None:
+    """Return metrics with the leaked triples included; None if none are left out."""
+    split = links.opened.split
+    everything = split.triples_of("test")
+    leaked = everything[~is_in(everything, split.held_out("test"), links.graph.num_entities)]
+    if links.is_full or not len(leaked):
+        return None
+    # Sampling leaked and unseen triples in equal shares makes a uniform sample.
+    share = len(links.queries) / links.population
+    leaked = sampled(leaked, max(1, round(len(leaked) * share)))
+    ranks = rank_triples(links.scorer, leaked, links.graph.triples)
+    return ranking_metrics(pd.concat([links.ranks, ranks]))
 
 
 def _checks(links: RankedLinks) -> Iterator[Check]:
@@ -562,7 +578,15 @@ def _checks(links: RankedLinks) -> Iterator[Check]:
     # A symmetric model knows a triple if it has seen the mirror.
     mirrors = test[test[:, 1] == COMBINES_WITH][:, [2, 1, 0]]
     mirrored = int(np.sum(is_in(mirrors, links.train_sample.triples, graph.num_entities)))
-    no_leak = "no evaluated triple is in the training triples"
-    yield Check("leak", no_leak, not in_train, f"{in_train} found")
-    no_mirror = "no combinesWith triple has its mirror in the training triples"
-    yield Check("mirror", no_mirror, not mirrored, f"{mirrored} found")
+    yield Check(
+        "leak",
+        "no evaluated triple is in the training triples",
+        not in_train,
+        f"{in_train} found",
+    )
+    yield Check(
+        "mirror",
+        "no combinesWith triple has its mirror in the training triples",
+        not mirrored,
+        f"{mirrored} found",
+    )

@@ -334,12 +334,8 @@ def compare(contenders: Sequence[Contender]) -> LinkComparison:
     best = max(fair, key=lambda pair: float(pair[1].mean()), default=None)
     not_significant = []
     for candidate in fair:
-        if best is None or candidate is best:
-            continue
-        lead = best[1] - candidate[1]
         # The best model is ahead by its mean: only the lower end can include 0.
-        low, _ = interval(lead)
-        if low <= 0:
+        if best and candidate is not best and interval(best[1] - candidate[1])[0] <= 0:
             not_significant.append(candidate[0])
     return LinkComparison(
         graph=PlayedGraph.of(shared.opened),
@@ -380,9 +376,8 @@ def _averaged(
     ranks = [run.ranks for run in links]
     metrics = [ranking_metrics(frame) for frame in ranks]
     # Means over seeds of each metric, and no metric of mean ranks, which would favour many seeds.
-    averaged = ("mrr", "hits_at_1", "hits_at_3", "hits_at_10", "mean_rank", "amri")
     means: dict[str, Any] = {}
-    for name in averaged:
+    for name in ("mrr", "hits_at_1", "hits_at_3", "hits_at_10", "mean_rank", "amri"):
         values = [getattr(seed_metrics, name) for seed_metrics in metrics]
         means[name] = float(np.mean(values))
     # MRR is None only without queries, which compare() refuses.

@@ -15,7 +15,6 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import get_args
 
 import msgspec
 import numpy as np
@@ -31,11 +30,10 @@ from wordcraft_kg.base import (
     nearest,
 )
 from wordcraft_kg.evaluation.likely_recipes import LikelyRecipes, RecipeFinder
-from wordcraft_kg.evaluation.scores import OPEN, Known, pieces_of_recipe
+from wordcraft_kg.evaluation.scores import KNOWN, OPEN, Known, pieces_of_recipe
 from wordcraft_kg.graphs import (
     MOST_INGREDIENTS,
     Ids,
-    Part,
     Recipe,
     RecipeBook,
     RecipeGraph,
@@ -319,11 +317,10 @@ def _suggestion(
 
 # Two splits, since tests and notebooks open several; a list of suggestions asks for many recipes.
 @lru_cache(maxsize=2)
-def _parts_of_recipes(split: Split) -> dict[Recipe, Part]:
+def _parts_of_recipes(split: Split) -> dict[Recipe, Known]:
     """Return the part of a split that has each recipe, by its labels."""
     recipes = split.graph.recipe_labels()
-    names = get_args(Part)
-    return {recipe: names[part] for recipe, part in zip(recipes, split.parts, strict=True)}
+    return {recipe: KNOWN[part] for recipe, part in zip(recipes, split.parts, strict=True)}
 
 
 def _known(split: Split, recipe: Recipe) -> Known:
@@ -484,11 +481,10 @@ def _made(split: Split, steps: Ids) -> Iterator[Suggestion]:
     _, rows = np.unique(results[is_first], return_index=True)
     rows = np.flatnonzero(is_first)[rows]
     rows = rows[np.argsort(from_start[results[rows]], kind="stable")]
-    names = get_args(Part)
-    for row, recipe in zip(rows, graph.recipe_labels(graph.sets[rows]), strict=True):
-        part = names[split.parts[row]]
-        step = int(from_start[results[row]])
-        yield Suggestion(recipe, 1.0, part, (), step)
+    recipes = graph.recipe_labels(graph.sets[rows])
+    steps_of_recipes = from_start[results[rows]].tolist()
+    for recipe, step in zip(recipes, steps_of_recipes, strict=True):
+        yield Suggestion(recipe, 1.0, _known(split, recipe), (), step)
 
 
 def _likely_sets(

@@ -146,11 +146,8 @@ def _success(view: AgentsView) -> charts.Chart:
         if success:
             low, high = success.widest_ci
             rows.append((agent.name, (success.mean, low, high)))
-    reference = None
+    # The first agent's success is the line that all others are compared with.
     first = view.agents[0].success.get(headline)
-    if first:
-        # The first agent's success is the line that all others are compared with.
-        reference = first.mean
     for baseline in view.baselines:
         if baseline.distractors == view.headline:
             rows.append((baseline.player, (baseline.success, None, None)))
@@ -158,7 +155,7 @@ def _success(view: AgentsView) -> charts.Chart:
         rows,
         f"success on {view.part} tasks, with 95 % intervals",
         "Success of the agents and of scripted players",
-        reference=reference,
+        reference=first.mean if first else None,
         percent=True,
     )
 

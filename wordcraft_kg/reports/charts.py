@@ -240,12 +240,9 @@ def _with_attributes(tag: re.Match[str]) -> str:
 
 def _attributes(style: re.Match[str]) -> str:
     """Return rules of CSS as attributes of SVG."""
-    attributes = ""
-    for name, value in _RULE.findall(style[1]):
-        # The page has its own letters, and shows them in the size that Matplotlib has measured.
-        if name != "font-family":
-            attributes += f' {name}="{value}"'
-    return attributes
+    rules = _RULE.findall(style[1])
+    # The page has its own letters, and shows them in the size that Matplotlib has measured.
+    return "".join(f' {name}="{value}"' for name, value in rules if name != "font-family")
 
 
 # --- series ---------------------------------------------------------------------------------------

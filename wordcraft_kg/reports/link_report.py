@@ -49,8 +49,9 @@ def make_link_report(view: LinkView, ranks: "pd.DataFrame | None" = None) -> Rep
             (at.probability, at.observed, at.low, at.high, at.triples) for at in row.bins
         ]
     if view.probabilities:
-        about = "Share of true triples against their probability"
-        pictures["probabilities"] = charts.log_reliability(series, about)
+        pictures["probabilities"] = charts.log_reliability(
+            series, "Share of true triples against their probability"
+        )
     files = {}
     if ranks is not None:
         files["ranks.csv"] = ranks.to_csv(index=False, lineterminator="\n", float_format="%.6g")

@@ -27,7 +27,7 @@ three seeds, a verdict other than *undecided* is marked as provisional.
 
 import math
 from collections.abc import Iterable, Sequence
-from itertools import chain, combinations
+from itertools import chain, combinations, pairwise
 from typing import Literal, NamedTuple
 
 import msgspec
@@ -220,8 +220,7 @@ def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
 
 def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunResult]:
     """Return a variant's runs by seed; ConfigError without runs, with the first known reason."""
-    of_variant = [run for run in results.runs if run.variant == variant]
-    runs = {run.seed: run for run in of_variant if run.values == point}
+    runs = {run.seed: run for run in results.runs if run.variant == variant and run.values == point}
     if not runs:
         gaps = [gap for gap in results.missing if gap.variant == variant and gap.values == point]
         reason = gaps[0].why if gaps else "not in the study"
@@ -254,27 +253,22 @@ def _metric(measure: Measure, run: RunResult, partner: RunResult) -> float:
     return steps / run.steps
 
 
-def steps_to(curve: Iterable[tuple[int, float]], level: float) -> float:
+def steps_to(curve: Sequence[tuple[int, float]], level: float) -> float:
     """Return the steps until a curve first reaches a level; infinity if it never does.
 
     Between two points, the curve is a line.
 
     Args:
-        curve: points (environment steps, success) in ascending order of steps.
+        curve: points (environment steps, success) in ascending order of steps, at least one.
         level: the success to reach.
     """
-    before = 0
-    lower = level
-    for step, value in curve:
+    first_step, first_value = curve[0]
+    if first_value >= level:
+        return first_step
+    for (before, lower), (step, value) in pairwise(curve):
         if value >= level:
-            # The first point has no line before it.
-            if lower >= level:
-                return step
             # Back from the point, by the share of its line that lies above the level.
-            length = step - before
-            return step - length * (value - level) / (value - lower)
-        before = step
-        lower = value
+            return step - (step - before) * (value - level) / (value - lower)
     return math.inf
 
 
@@ -339,14 +333,12 @@ def _more(low: float, high: float, by: float, word: str, opposite: str) -> tuple
 def _comparable(low: float, high: float, by: float) -> tuple[Verdict, str]:
     """Return the verdict on "no difference above ``by``", by the interval of the difference."""
     # Comparable is a claim of its own: an interval around 0 that is too wide does not prove it.
-    is_close = -by <= low and high <= by
-    if is_close:
+    if -by <= low and high <= by:
         return "reproduced", f"closer than {by:g}"
     if low <= 0 <= high:
         return "undecided", "the interval is too wide"
     word = "more" if low > 0 else "less"
-    is_far = low > by or high < -by
-    if is_far:
+    if low > by or high < -by:
         return "not reproduced", f"{word}, by more than {by:g}"
     return "differs", f"{word}, though perhaps by less than {by:g}"
 
@@ -396,7 +388,7 @@ def _changes(results: StudyResults, claim: Claim, first: Measured, second: Measu
     # A value that the claim names is the same at both points, and so cancels in the change.
     difference_claim = msgspec.structs.replace(claim, than=None)
     first_differences = first_sides.differences
-    second_scores = second_sides.differences.scores
-    change = first_differences._replace(scores=first_differences.scores - second_scores)
+    gain = first_differences.scores - second_sides.differences.scores
+    change = first_differences._replace(scores=gain)
     low, high, _ = _interval(difference_claim, first_differences, change)
     return low > 0 or high < 0

@@ -55,7 +55,6 @@ from wordcraft_kg.studies.study import (
 
 Kind = Literal["graphs", "scorers", "runs"]
 """Kind of result that a task makes, and subfolder in the results folder."""
-TerminationReason = Literal["done", "failed", "interrupted"]
 
 
 def hash_of(values: Any) -> str:
@@ -109,7 +108,7 @@ class Outcome:
     """
 
     address: str
-    termination: TerminationReason
+    termination: Literal["done", "failed", "interrupted"]
     error: str = ""
 
 
@@ -268,8 +267,9 @@ class _Planner:
             raise ConfigError(f"variant '{cell.variant}'{_values(cell.values)}: {error}") from None
 
     def _add(self, kind: Kind, described: dict[str, Any], title: str, **others: Any) -> str:
-        # The number of the version is a part of the address, see VERSIONS.
-        settings = {"version": VERSIONS[kind], **described}
+        # The address covers the version, see VERSIONS, and the content of a file of vectors.
+        content = self._content(described.get("settings", {}).get("features"))
+        settings = {"version": VERSIONS[kind], **described, **content}
         task = Task(kind, settings, title, **others)
         self.tasks.setdefault(task.address, task)
         return task.address
@@ -323,7 +323,6 @@ class _Planner:
         config = scorer_config(command, settings)
         settings = _not_default(settings, kind)
         described: dict[str, Any] = {"graph": graph, "command": command, "settings": settings}
-        described |= self._content(settings.get("features"))
         if command in SCORER_VERSIONS:
             described["version"] = SCORER_VERSIONS[command]
         if settings.get("label_noise"):
@@ -367,16 +366,14 @@ class _Planner:
             # The paper's values, left out above, are not those of another preset.
             settings |= {name: agent_settings[name] for name in PAPER if name in agent_settings}
         described = {"graph": graph, "scorer": scorer, "settings": settings}
-        described |= self._content(settings.get("features"))
         described |= _recorded(config.plugins)
         title = f"{cell.variant}{_values(cell.values)}, seed {cell.seed}"
-        needs = (graph,) if scorer is None else (graph, scorer)
         trainer = config.trainer
         return self._add(
             "runs",
             described,
             title,
-            needs=needs,
+            needs=tuple(filter(None, (graph, scorer))),
             threads=trainer.threads,
             device=trainer.device,
         )
@@ -401,10 +398,8 @@ class _Planner:
                     f"with command '{RecipeScorerConfig.command}'."
                 )
         described = {"graph": graph, "scorer": scorer, "settings": settings}
-        described |= self._content(settings.get("features"))
         title = f"{cell.variant}{_values(cell.values)}, {self.tasks[graph].title}"
-        needs = (graph,) if scorer is None else (graph, scorer)
-        return self._add("runs", described, title, needs=needs)
+        return self._add("runs", described, title, needs=tuple(filter(None, (graph, scorer))))
 
 
 def _book_graph(book: str) -> RecipeGraph:

@@ -6,13 +6,13 @@ from operator import attrgetter
 from statistics import fmean
 
 from wordcraft_kg.base.wording import counted
+from wordcraft_kg.evaluation.agent_metrics import Interval
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.charts import Chart
 from wordcraft_kg.reports.pages import Report
 from wordcraft_kg.studies.claims import REACHED, Measured
 from wordcraft_kg.studies.study import Claim, title_of
 from wordcraft_kg.studies.view import (
-    Interval,
     PointMetrics,
     StudyView,
     VariantMetrics,
@@ -28,7 +28,12 @@ def tables_of(view: StudyView) -> list[list[dict[str, str]]]:
     A column without text at all points is left out of all tables, so that tables stay comparable.
     """
     entries = _entries(view)
-    columns = [(heading, text) for heading, text in _COLUMNS if any(map(text, entries))]
+    over = "splits" if view.study.vary_split else _RESAMPLED
+    columns = [
+        (heading.replace(_RESAMPLED, over), text)
+        for heading, text in _COLUMNS
+        if any(map(text, entries))
+    ]
 
     def row(entry: VariantMetrics) -> dict[str, str]:
         return {heading: text(entry) for heading, text in columns}
@@ -118,11 +123,13 @@ def in_words(claim: Claim, measured: Measured) -> str:
     return f"{_MEASURES[claim.measure]}{sides}: {difference} ({size})"
 
 
+_RESAMPLED = "seeds, tasks"
+"""What the intervals of a column are over, in its heading; over splits, another."""
 _COLUMNS: tuple[_Column, ...] = (
     ("variant", lambda at: at.variant),
     ("seeds", lambda at: str(len(at.seeds))),
-    ("success", lambda at: with_bounds(at.mean, at.interval)),
-    ("difference", difference_of),
+    (f"success [{_RESAMPLED}]", lambda at: with_bounds(at.mean, at.interval)),
+    (f"difference [{_RESAMPLED}]", difference_of),
     ("train", lambda at: "" if at.train is None else f"{at.train:.3f}"),
     ("MRR", _mrr),
     ("p", p_value_of),
@@ -199,8 +206,9 @@ def _curves(view: StudyView, point: PointMetrics) -> Chart:
     last_step = max(at.step for entry in point.variants for at in entry.curve)
     drawn = []
     for entry in point.variants:
-        points: list[charts.CurvePoint]
-        points = [(at.step, at.success, at.low, at.high) for at in entry.curve]
+        points: list[charts.CurvePoint] = [
+            (at.step, at.success, at.low, at.high) for at in entry.curve
+        ]
         is_level = not entry.curve
         # A player without training is a level from the first step to the last.
         if is_level:

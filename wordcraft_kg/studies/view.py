@@ -18,14 +18,11 @@ from wordcraft_kg.base.statistics import (
     holm,
     rate_interval,
 )
-from wordcraft_kg.evaluation.agent_metrics import CurvePoint, mean_curve
+from wordcraft_kg.evaluation.agent_metrics import CurvePoint, Interval, mean_curve
 from wordcraft_kg.graphs.graph_folder import PlayedGraph
 from wordcraft_kg.studies.claims import ClaimVerdict, view_claims
 from wordcraft_kg.studies.results import Missing, Origin, RunResult, StudyResults
 from wordcraft_kg.studies.study import Study, Value, Values, title_of
-
-Interval = tuple[float, float]
-"""Lower and upper end."""
 
 
 class VariantComparison(Record):

@@ -254,9 +254,7 @@ def check_equal(
 def _identity(record: StudyRecord) -> dict[str, Any]:
     """Return all settings by name; the time is no setting."""
     values = as_values(record) | record.settings
-    for name in ("created", "settings"):
-        del values[name]
-    return values
+    return {name: values[name] for name in values if name not in ("created", "settings")}
 
 
 def read_study_record(folder: Path) -> tuple[StudyRecord, str]:

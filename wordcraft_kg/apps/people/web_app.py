@@ -18,7 +18,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import RedirectResponse, Response
 from starlette.routing import Route, Router
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp
 
 from wordcraft_kg.apps.people.answers_database import AnswersDatabase, Participant
 from wordcraft_kg.apps.people.protocol import HUMAN_PARTS, PosedTask
@@ -57,7 +57,6 @@ NO_CODE = (
     "k7qm-2xwd-9hrt."
 )
 Form = Mapping[str, str]
-Endpoint = Callable[[Request], Awaitable[Response]]
 Reply = Callable[[Request, Form, str, Participant], Response]
 
 
@@ -95,7 +94,7 @@ def make_study_app(
     ]
     # Sessions, answers and withdrawals need POST: a link or a preview cannot make one.
     return Guard(
-        Router(routes, redirect_slashes=False, default=server.not_found),
+        Router(routes, redirect_slashes=False, default=server.missing()),
         host,
         more_hosts,
         server.error,
@@ -149,7 +148,7 @@ class _Server:
             study=study.record, paragraphs=study.record.consent.split("\n\n")
         )
         self.files = file_endpoint(
-            "wordcraft_kg.apps.people", ("study.css", "study.js"), self._missing
+            "wordcraft_kg.apps.people", ("study.css", "study.js"), self.missing
         )
 
     async def first(self, _: Request) -> Response:
@@ -178,7 +177,7 @@ class _Server:
             return self._page("first", 404, code=new_code(), problem=NO_CODE, typed=typed)
         return _to(f"/s/{code}")
 
-    def of_person(self, reply: Reply) -> Endpoint:
+    def of_person(self, reply: Reply) -> Callable[[Request], Awaitable[Response]]:
         """Return the endpoint that finds the person of a code, and lets ``reply`` answer."""
 
         async def endpoint(request: Request) -> Response:
@@ -188,7 +187,7 @@ class _Server:
                 code = read_code(request.path_params["code"])
                 person = self.answers.find(code_hash(code))
                 if person is None:
-                    return self._missing(NO_SESSION)
+                    return self.missing(NO_SESSION)
                 return reply(request, form, code, person)
 
             # In a thread: a reply waits for the disk; other people's pages must not wait with it.
@@ -306,11 +305,8 @@ class _Server:
     def error(self, status: int, message: str) -> str:
         return self._render("error", status=status, message=message)
 
-    def _missing(self, message: str = "This page does not exist.") -> Response:
+    def missing(self, message: str = "This page does not exist.") -> Response:
         return Response(self.error(404, message), 404, media_type="text/html", headers=PRIVATE)
-
-    async def not_found(self, scope: Scope, receive: Receive, send: Send) -> None:
-        await self._missing()(scope, receive, send)
 
 
 async def _form(request: Request) -> dict[str, str]:

@@ -143,7 +143,7 @@ def test_each_training_has_a_curve_of_each_figure_that_it_logged(agents, report,
                 (row.step, row.figures[figure]) for row in agent.metrics if figure in row.figures
             ]
             assert list(curve.points) == logged
-    (axes,) = report.pictures["training"]["loss"].figure().get_axes()
+    (axes,) = report.figures["training/loss"].get_axes()
     assert len(axes.get_lines()) == len(agents)
 
 

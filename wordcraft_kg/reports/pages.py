@@ -4,13 +4,13 @@ import base64
 import hashlib
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 import jinja2
 from markupsafe import Markup
@@ -26,9 +26,12 @@ from wordcraft_kg.base import (
     write_atomically,
 )
 from wordcraft_kg.models.policies.sources import ALPHA, BUILT_IN, Label, label_of, with_letters
-from wordcraft_kg.reports.charts import DARK, LIGHT
+from wordcraft_kg.reports.charts import DARK, LIGHT, Chart
 from wordcraft_kg.runs.record import RUN_FILE
 from wordcraft_kg.runs.run_folder import locked
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Topic = Literal["Graphs", "Links", "Play", "Agents"]
 
@@ -183,8 +186,7 @@ class Report(Generic[V]):
     Attributes:
         view: the report's numbers, for ``report.json``.
         template: file name of the page's template.
-        pictures: charts by the template's names, some in mappings. A chart is also a figure of
-            Matplotlib, as in ``report.pictures["success"].figure().savefig("success.pdf")``.
+        pictures: charts by the template's names, some in mappings.
         shown: further values by the template's names.
         files: further files by name, such as pictures and tables.
     """
@@ -194,6 +196,26 @@ class Report(Generic[V]):
     pictures: Mapping[str, Any]
     shown: Mapping[str, Any] = field(default_factory=dict)
     files: Mapping[str, str | bytes] = field(default_factory=dict)
+
+    @property
+    def figures(self) -> "dict[str, Figure]":
+        """The charts as figures of Matplotlib, to change them or to save them for a paper.
+
+        A chart in a mapping has the names on the way to it, such as ``slices/layer``.
+
+        Example:
+            ``report.figures["success"].savefig("success.pdf")``
+        """
+        return {name: chart.figure() for name, chart in _charts_in(self.pictures)}
+
+
+def _charts_in(pictures: Any, name: str = "") -> Iterator[tuple[str, Chart]]:
+    """Yield the charts in nested mappings, each with the names on the way to it."""
+    if isinstance(pictures, Chart):
+        yield name, pictures
+        return
+    for key, picture in pictures.items():
+        yield from _charts_in(picture, f"{name}/{key}".lstrip("/"))
 
 
 def render(report: Report[Any]) -> str:

@@ -177,6 +177,7 @@ def test_defaults_are_those_that_addresses_stand_for():
         3_000_000,
         128,
         2,
+        0,
         0.99,
         0.001,
         0.99,

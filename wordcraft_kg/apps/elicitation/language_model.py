@@ -418,8 +418,9 @@ def _rows(
 
 def _neutral(probabilities: _LabelProbabilities, texts: Sequence[str]) -> Tensor:
     """Return the log of each label's mean probability after neutral texts, shape (E,)."""
-    batches = _batches(probabilities.read(texts))
-    rows = torch.cat([probabilities.after(batch) for _, batch in batches])
+    rows = torch.cat(
+        [probabilities.after(batch) for _, batch in _batches(probabilities.read(texts))]
+    )
     # A mean of probabilities, in log space: exp of a small log-probability would be 0.
     return rows.logsumexp(0) - math.log(len(texts))
 

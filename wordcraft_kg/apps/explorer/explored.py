@@ -152,8 +152,7 @@ class Explored:
             UnknownEntityError: if no run has this name.
         """
         name = self._name("run", self.runs, name)
-        run = self.once(("run", name), lambda: FollowedRun(self.runs[name], self.opened))
-        return name, run
+        return name, self.once(("run", name), lambda: FollowedRun(self.runs[name], self.opened))
 
     def settings_of(
         self,

@@ -303,9 +303,8 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
             except WordCraftKGError as error:
                 skipped[PAGES[page].address(state)] = _without_paths(str(error), explored)
                 text = site.error(404, str(error))
-            content = _without_paths(text, explored).encode()
             (folder / name).parent.mkdir(exist_ok=True)
-            write_atomically(folder / name, content)
+            write_atomically(folder / name, _without_paths(text, explored).encode())
         exported = ExportedSite(
             graph=explored.opened.graph.name,
             graph_hash=explored.opened.graph.hash,

@@ -235,17 +235,12 @@ def open_track(name: str) -> Track:
         frozen = _shortened(frozen)
     plain, made_up = manifest.books
     book = made_up if name.endswith("-made-up") else plain
-    return Track(name, manifest.name, frozen, _book_with_split(book, frozen.split))
-
-
-def _book_with_split(book: str, kind: str) -> OpenedGraph:
-    manifest, _ = read_manifest()
-    opened = open_graph(book, SplitConfig(kind))
-    frozen = manifest.books[book]
+    opened = open_graph(book, SplitConfig(frozen.split))
+    frozen_book = manifest.books[book]
     # The tasks are ids and rows: in another state of the book they would name other entities.
     for subject, has, expected in (
-        ("the book", opened.graph.hash, frozen.hash),
-        ("the split of", opened.split.hash, frozen.splits[kind]),
+        ("the book", opened.graph.hash, frozen_book.hash),
+        ("the split of", opened.split.hash, frozen_book.splits[frozen.split]),
     ):
         if has != expected:
             raise GraphMismatchError(
@@ -253,7 +248,7 @@ def _book_with_split(book: str, kind: str) -> OpenedGraph:
                 f"{expected[:12]}. Install "
                 "the version of wordcraft-kg that has this book."
             )
-    return opened
+    return Track(name, manifest.name, frozen, opened)
 
 
 def _shortened(frozen: FrozenTrack) -> FrozenTrack:

@@ -456,8 +456,9 @@ def _played(track: Track, settings: RunSettings, player: TextPlayer, parallel: i
         parallel=parallel,
         is_replacing=settings.is_replacing,
     )
-    header = GamesHeader(player=player.name, settings=play.settings)
-    return _recorded(track, settings, header, played)
+    return _recorded(
+        track, settings, GamesHeader(player=player.name, settings=play.settings), played
+    )
 
 
 def _inspect(track: Track, argument: str, settings: RunSettings) -> Entrant:

@@ -73,8 +73,7 @@ def make_game_app(graph: RecipeGraph, host: str) -> ASGIApp:
         return HTMLResponse(page, headers={"Cache-Control": "no-cache"})
 
     files = file_endpoint(PACKAGE, FILES, lambda message: PlainTextResponse(message, 404))
-    routes = [Route("/", game), Route("/files/{name}", files)]
-    router = Router(routes, redirect_slashes=False)
+    router = Router([Route("/", game), Route("/files/{name}", files)], redirect_slashes=False)
     return Guard(router, host, (), lambda _, message: message, media_type="text/plain")
 
 

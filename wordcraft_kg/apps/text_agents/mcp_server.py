@@ -276,8 +276,9 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
     settings = play.settings
     last = None if settings.is_open_ended else len(play.world.tasks) - 1
     known = _LIKELY if settings.knowledge == "scorer" else _KNOWN
-    rules = play.game().rules
-    return _server(rules, last, settings.look_ups, hosted, sets=play.has_sets, known=known)
+    return _server(
+        play.game().rules, last, settings.look_ups, hosted, sets=play.has_sets, known=known
+    )
 
 
 @lru_cache(2)
@@ -291,8 +292,7 @@ def tools_hash(*, sets: bool = False) -> str:
     lists = []
     for last, known in ((0, _KNOWN), (None, _LIKELY)):
         server = _server("", last, 2, sets=sets, known=known)
-        tools = anyio.run(server.list_tools)
-        lists.append([tool.model_dump(mode="json") for tool in tools])
+        lists.append([tool.model_dump(mode="json") for tool in anyio.run(server.list_tools)])
     prompts = [prompt_hash(sets=sets), _TOOLS, _INSTRUCTIONS, lists]
     return hashlib.sha256(json.dumps(prompts, sort_keys=True).encode()).hexdigest()
 
@@ -366,9 +366,9 @@ def _server(
             talk = hosted.game(game)
             _accepted(talk, lambda: talk.look_up_item(item))
             label, facts = talk.facts
-            look_ups_left = look_ups - talk.look_ups
             return _result(
-                talk.outcome, Facts(game=game, item=label, facts=facts, look_ups_left=look_ups_left)
+                talk.outcome,
+                Facts(game=game, item=label, facts=facts, look_ups_left=look_ups - talk.look_ups),
             )
 
     @server.tool(title="End a game", description=_TOOLS["end"], annotations=_ENDS)

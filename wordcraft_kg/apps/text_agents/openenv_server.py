@@ -122,8 +122,9 @@ class CraftingSession(Seat):
         unknown = sorted(arguments.keys() - {*_RESET})
         if unknown:
             raise ConfigError(f"reset has no argument '{unknown[0][:60]}': {', '.join(_RESET)}.")
-        chosen = self._chosen({key: value for key, value in arguments.items() if value is not None})
-        play, task, distractor_seed = chosen
+        play, task, distractor_seed = self._chosen(
+            {key: value for key, value in arguments.items() if value is not None}
+        )
         # Begun before the last game ends: a refused reset changes nothing.
         talk = play.begin(task, distractor_seed)
         self.close()
@@ -353,9 +354,8 @@ def make_openenv_app(
     for path, find in _QUERIES.items():
         routes.append(Route(path, _endpoint(games, find), methods=["POST"]))
     routes.append(Route("/openapi.json", _constant(_openapi(routes))))
-    router = Router([*routes, WebSocketRoute("/ws", open_sessions.serve)])
     return Guard(
-        router,
+        Router([*routes, WebSocketRoute("/ws", open_sessions.serve)]),
         host,
         more_hosts,
         lambda _, message: json.dumps({"detail": message}),
@@ -386,8 +386,13 @@ def _openapi(routes: list[Route]) -> dict[str, Any]:
 def _task(games: GameList, part: str, index: Any) -> dict[str, Any]:
     play, task = games.at(part, index)
     settings = play.settings
-    tables = {"depth": settings.depth, "distractors": settings.distractors}
-    return {"id": play.name(task), "index": index, "split": part, **tables}
+    return {
+        "id": play.name(task),
+        "index": index,
+        "split": part,
+        "depth": settings.depth,
+        "distractors": settings.distractors,
+    }
 
 
 def _range(games: GameList, query: dict[str, Any]) -> list[dict[str, Any]]:

@@ -296,8 +296,9 @@ class TaskGames(Play):
 
     def game(self, task: int = 0, distractor_seed: int = 0) -> TaskGame:  # noqa: D102
         # A shallow copy shares the world, which never changes; `reset` makes the state anew.
-        env = copy.copy(self._env)
-        return TaskGame(env, task, distractor_seed, self._table(task, distractor_seed))
+        return TaskGame(
+            copy.copy(self._env), task, distractor_seed, self._table(task, distractor_seed)
+        )
 
 
 class DiscoveryGames(Play):
@@ -396,8 +397,9 @@ def open_play(
         # With fewer attempts than its depth, a task cannot be solved.
         whole("attempts", attempts, depth, MAX_ATTEMPTS)
     config = WordCraftConfig(part, depth, distractors, attempts, reward)
-    world = World(open_graph(graph), config)
-    return TaskGames(world, knowledge=knowledge, look_ups=look_ups, **rules)
+    return TaskGames(
+        World(open_graph(graph), config), knowledge=knowledge, look_ups=look_ups, **rules
+    )
 
 
 def tool_opening(talk: Conversation) -> str:

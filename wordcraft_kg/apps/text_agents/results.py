@@ -136,8 +136,9 @@ def open_games(path: Path, header: GamesHeader) -> list[GameRecord]:
         if played or stored_header == header:
             _check_header(path, stored_header, header)
             if torn:
-                text = "%s ended in a torn line, which was dropped; the game is played again"
-                logging.getLogger(__name__).warning(text, path)
+                logging.getLogger(__name__).warning(
+                    "%s ended in a torn line, which was dropped; the game is played again", path
+                )
                 os.truncate(path, path.stat().st_size - len(torn))
             return [*played]
     path.write_bytes(b"")
@@ -264,8 +265,7 @@ def evaluation_of(played: Sequence[GameRecord], groups: Ids | None = None) -> "E
     from wordcraft_kg.agents.evaluation import Evaluation  # loads torch
 
     tasks = np.array(sorted({game.task for game in played}), dtype=np.int64)
-    seeds = {game.distractor_seed for game in played}
-    shape = (len(tasks), len(seeds))
+    shape = (len(tasks), len({game.distractor_seed for game in played}))
     # Sorted by task, then by seed, so that a reshaping gives a row for each task.
     games = sorted(played, key=lambda game: (game.task, game.distractor_seed))
     return Evaluation(
@@ -290,8 +290,7 @@ def mean_known(curves: Sequence[Sequence[int]], attempts: int) -> dict[int, floa
     before = [mark for mark in (*MARKS, *LATER_MARKS) if mark < attempts]
     means: dict[int, float] = {}
     for mark in sorted({attempts, *before}):
-        counts = [curve[: mark + 1][-1] for curve in curves]
-        means[mark] = float(np.mean(counts))
+        means[mark] = float(np.mean([curve[: mark + 1][-1] for curve in curves]))
     return means
 
 
@@ -456,6 +455,7 @@ def evaluate_program(
                 played = play_all(program, play, games, tasks.tolist())
                 results.append(evaluation_of(played, world.groups))
                 if invalid := sum(game.invalid_actions for game in played):
-                    text = counted(invalid, "invalid answer")
-                    logging.getLogger(__name__).warning("%s: %s", program.name, text)
+                    logging.getLogger(__name__).warning(
+                        "%s: %s", program.name, counted(invalid, "invalid answer")
+                    )
     return program.name, results

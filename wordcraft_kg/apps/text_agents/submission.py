@@ -336,8 +336,7 @@ def metrics_of(track: Track, lines: Sequence[GameLine]) -> TrackMetrics:
         }
         final = [curve[-1] for curve in curves]
         mean = float(np.mean(final))
-        everything = track.opened.graph.num_entities
-        interval = student_interval(final, within=(0, everything))
+        interval = student_interval(final, within=(0, track.opened.graph.num_entities))
     else:
         success = np.array([bool(line.success) for line in lines])
         mean = float(success.mean())
@@ -473,8 +472,9 @@ def verify(folder: Path) -> Submission:
     for name, value in _totals(track, lines, games).items():
         declared = getattr(submission, name)
         if declared != value:
-            shown = json.dumps(as_values(declared))
-            raise _refused(path, name, shown, json.dumps(as_values(value)))
+            raise _refused(
+                path, name, json.dumps(as_values(declared)), json.dumps(as_values(value))
+            )
     # The same values in another form, such as other blanks, would have another hash.
     if dump_json(as_values(submission)).encode() != data:
         raise ArtefactError(f"{path} was edited: expected the form in which `bench run` writes it.")

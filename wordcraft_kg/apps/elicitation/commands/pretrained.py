@@ -54,8 +54,9 @@ def encode(
     from wordcraft_kg.apps.elicitation.encoder import encode_labels, write_vectors
     from wordcraft_kg.apps.elicitation.foreign_code import locate_model
 
-    progress = output.progress("encoding", unit="label")
-    vectors, hashes = encode_labels(names, locate_model("encoder", encoder), progress)
+    vectors, hashes = encode_labels(
+        names, locate_model("encoder", encoder), output.progress("encoding", unit="label")
+    )
     other_graphs = {f"graph {source.name}": source.hash for source in graphs[1:]}
     inputs = {"graph": graphs[0].hash, **other_graphs, **hashes}
     vectors_folder = write_vectors(folder, names, vectors, inputs=inputs, force=force)
@@ -111,9 +112,13 @@ def elicit(
     recipes = open_graph(graph).graph
 
     language_model = open_language_model(locate_model("model", model), random_weights)
-    progress = output.progress("reading texts", unit="text")
     knowledge = elicit_knowledge(
-        out, recipes, language_model, prompt_texts, report=progress, force=force
+        out,
+        recipes,
+        language_model,
+        prompt_texts,
+        report=output.progress("reading texts", unit="text"),
+        force=force,
     )
     shown = strongest(knowledge)
     text = aligned((name, "; ".join(phrases)) for name, phrases in shown.items())

@@ -78,8 +78,7 @@ def explore(  # noqa: PLR0913 - parameters are the command's options
         def started(address: str) -> None:
             output.result({"address": address}, [f"{address}   Ctrl-C stops the server"])
 
-        explored = Explored.open(graph, model or (), run or ())
-        app = make_app(explored, host, allow_host or ())
+        app = make_app(Explored.open(graph, model or (), run or ()), host, allow_host or ())
         # More threads of torch would only compete: a table has ten rows.
         with torch_threads(1):
             serve(app, listening, started, in_browser=not no_browser)

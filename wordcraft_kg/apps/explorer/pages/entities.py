@@ -91,10 +91,9 @@ def _view_list(explored: Explored, state: EntitiesState) -> EntityList:
     ids = _matching(graph, state.q)
     shown = paging(len(ids), state.page, ENTITIES_A_PAGE)
     listed_ids = np.array(ids[shown.rows], dtype=np.int64)
-    layer = layers_of(graph)
     rows = zip(
         graph.labels(listed_ids.tolist()),
-        layer[listed_ids].tolist(),
+        layers_of(graph)[listed_ids].tolist(),
         graph.recipe_counts[listed_ids].tolist(),
         graph.use_counts[listed_ids].tolist(),
         strict=True,
@@ -257,7 +256,6 @@ def _view(explored: Explored, state: EntityState) -> EntityProfile:
     is_reachable = layer >= 0
     # Reading word vectors takes seconds.
     words = explored.once("words", lambda: glove_features(graph.entities))
-    by_words = _alike(graph.entities, near_by_words(words, entity))
     predictor = explored.predictor(state.model) if explored.models else None
     slots: tuple[PredictedSlot, ...] = ()
     nearest: tuple[AlikeEntity, ...] = ()
@@ -276,7 +274,9 @@ def _view(explored: Explored, state: EntityState) -> EntityProfile:
         has_seen_the_test_recipes=predictor is not None and predictor.has_seen_the_test_recipes,
         slots=slots,
         nearest=nearest,
-        by_words=by_words if words.known[entity] else None,
+        by_words=_alike(graph.entities, near_by_words(words, entity))
+        if words.known[entity]
+        else None,
     )
 
 
@@ -315,15 +315,13 @@ def near_by_words(
 
     Args:
         words: word vectors of all E entities.
-        entity: id of the entity.
+        entity: id of an entity with a vector.
         limit: most entities to return.
 
     Returns:
         ids and cosines, the largest cosine first, ties in the order of ids; entities without
-        vectors are left out, and the list is empty for one.
+        vectors are left out.
     """
-    if not words.known[entity]:
-        return []
     cosines: NDArray[np.float32] = words.unit_vectors @ words.unit_vectors[entity]
     candidates = np.flatnonzero(words.known)
     candidates = candidates[candidates != entity]

@@ -128,14 +128,13 @@ def _view(explored: Explored, state: EpisodeState) -> EpisodeView:
         except (ArtefactError, ConfigError) as error:
             agents.append(AgentAtTable(name, problem=str(error)))
     steps = sum(len(agent.explained.episode.steps) for agent in agents if agent.explained)
-    terminations = _terminations(main_run, world, state.task)
     return EpisodeView(
         most_slots=max(MOST_ROWS // steps, 4),
         part=world.config.part,
         depth=world.config.depth,
         distractors=world.config.num_distractors,
         tasks=len(world.tasks),
-        terminations=terminations,
+        terminations=_terminations(main_run, world, state.task),
         start=task.start,
         plans=task.plans,
         goal=explained.episode.goal,

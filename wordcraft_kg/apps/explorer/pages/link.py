@@ -103,8 +103,7 @@ def _triple(predictor: LinkPredictor, state: LinkState) -> tuple[int, int, int]:
     """Return the triple of the settings, or an example, as ids."""
     graph = predictor.graph
     if state.head and state.tail:
-        relation = RELATIONS.index(state.relation)
-        return graph.id_of(state.head), relation, graph.id_of(state.tail)
+        return graph.id_of(state.head), RELATIONS.index(state.relation), graph.id_of(state.tail)
     if state.head or state.tail:
         raise ConfigError("A link has a head and a tail; one end is missing.")
     # A test link is a prediction, a training link only a memory.
@@ -168,7 +167,6 @@ def _view_pair(explored: Explored, state: PairState) -> PairProfile:
     a, b = _pair(explored, state)
     a_id = graph.id_of(a)
     b_id = graph.id_of(b)
-    recipes = recipes_giving(graph, a_id, COMBINES_WITH, b_id)
     predictor = explored.predictor(state.model) if explored.models else None
     link = None
     results = None
@@ -177,14 +175,19 @@ def _view_pair(explored: Explored, state: PairState) -> PairProfile:
         (link,) = predictor.answers(partners, np.array([b_id]), 0)
         if isinstance(whole_of(predictor.model.scorer), RecipeScorer):
             # The truth of all recipes is indexed once for each model.
-            key = ("recipe scores", predictor.name)
-            scoring = explored.once(key, lambda: RecipeScoring(predictor.model, predictor.outside))
-            query = RecipeQuery((a, b, None))
-            results = tuple(scoring.answers([query], RESULTS, is_explained=True))
+            scoring = explored.once(
+                ("recipe scores", predictor.name),
+                lambda: RecipeScoring(predictor.model, predictor.outside),
+            )
+            results = tuple(
+                scoring.answers([RecipeQuery((a, b, None))], RESULTS, is_explained=True)
+            )
     return PairProfile(
         a=a,
         b=b,
-        makes=placed_recipes(explored.opened.split, recipes),
+        makes=placed_recipes(
+            explored.opened.split, recipes_giving(graph, a_id, COMBINES_WITH, b_id)
+        ),
         model="" if predictor is None else predictor.name,
         has_seen_the_test_recipes=predictor is not None and predictor.has_seen_the_test_recipes,
         link=link,

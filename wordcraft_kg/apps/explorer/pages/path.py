@@ -92,9 +92,8 @@ def _view(explored: Explored, state: PathState) -> PathView:
 def _blocked(planner: Planner, goal: int) -> tuple[Blocked, ...]:
     """Return some recipes of a goal that cannot be made, with their missing ingredients."""
     graph = planner.graph
-    rows = graph.sets[graph.recipes_of(goal)[:LISTED]]
     blocked = []
-    for recipe in graph.recipe_labels(rows):
+    for recipe in graph.recipe_labels(graph.sets[graph.recipes_of(goal)[:LISTED]]):
         # An entity that is needed twice is missing once.
         ingredients = map(graph.id_of, dict.fromkeys(recipe.ingredients))
         missing = [entity for entity in ingredients if planner.costs[entity] == math.inf]

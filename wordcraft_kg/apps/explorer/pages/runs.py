@@ -199,10 +199,9 @@ def _row(name: str, run: FollowedRun) -> RunRow:
 def _success(records: AgentRun) -> dict[TaskPart, PartSuccess]:
     # The evaluation plays all tasks; the metrics during training are of a sample.
     if records.evaluation is not None:
-        rates = records.evaluation.success
         return {
             part: PartSuccess(rate.mean, (rate.ci_low, rate.ci_high))
-            for part, rate in rates.items()
+            for part, rate in records.evaluation.success.items()
         }
     # The last value of each figure: not every line of metrics has all figures.
     figures: dict[str, float] = {}
@@ -218,8 +217,10 @@ def _waits_for(records: AgentRun) -> str:
         return ""
     uses = f"Episodes use the last checkpoint ({records.checkpoint or 'none yet'})"
     if records.run.status == "running":
-        every = f"{records.config.trainer.checkpoint_every:,}"
-        return f"{uses}, which the run writes at the start and every {every} steps."
+        return (
+            f"{uses}, which the run writes at the start and every "
+            f"{records.config.trainer.checkpoint_every:,} steps."
+        )
     return f"{uses}. Repeat the training command to resume and evaluate."
 
 

@@ -148,8 +148,7 @@ def _evaluate_sets(
     """Write the evaluation of a model of sets into a folder, and print it."""
     from wordcraft_kg.evaluation.ranked_sets import rank_sets
 
-    user_rule = read_rule(rule) if rule else None
-    view, ranked = rank_sets(trained, name, predictions, user_rule)
+    view, ranked = rank_sets(trained, name, predictions, read_rule(rule) if rule else None)
     with staged_folder(folder, force=force) as staging:
         write_atomically(staging / "sets.json", dump_json(as_values(view)))
         write_atomically(staging / "predictions.json", dump_json(ranked))
@@ -574,8 +573,7 @@ def _suggestion_rows(suggestions: "Sequence[Suggestion]") -> Iterator[str]:
     for suggestion in suggestions:
         place = suggestion.known if suggestion.steps is None else f"step {suggestion.steps}"
         rows.append((f"{suggestion.probability:>11.3f}", place, str(suggestion.recipe)))
-    lines = aligned(rows)
-    for line, suggestion in zip(lines, suggestions, strict=True):
+    for line, suggestion in zip(aligned(rows), suggestions, strict=True):
         yield line
         if suggestion.because:
             supports = (f"{recipe} ({strength:.2g})" for recipe, strength in suggestion.because)

@@ -95,12 +95,10 @@ def with_made_up_words(book: RecipeBook, seed: int = 0) -> RecipeBook:
     hash_of_book = None
     if book.sha256 is not None:
         # Another book than the original, so another hash; the same for the same original and seed.
-        origin = f"{PREFIX} {seed} {book.sha256}"
-        hash_of_book = sha256(origin.encode()).hexdigest()
-    prefix = f"{PREFIX}-{seed}" if seed else PREFIX
+        hash_of_book = sha256(f"{PREFIX} {seed} {book.sha256}".encode()).hexdigest()
     return replace(
         book,
-        name=f"{prefix}-{book.name}",
+        name=f"{PREFIX}-{seed}-{book.name}" if seed else f"{PREFIX}-{book.name}",
         recipes=tuple(sorted(recipe_of.values())),
         base=None if book.base is None else tuple(sorted(map(renamed, book.base))),
         idle=tuple(sorted(map(renamed, book.idle))),

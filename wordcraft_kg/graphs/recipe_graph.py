@@ -365,8 +365,7 @@ class RecipeGraph:
         """
         # Recipes are sorted by pair, so a new pair begins where a row differs from the row before.
         is_first = np.ones(self.num_recipes, dtype=bool)
-        changes = np.diff(self.sets[:, :-1], axis=0)
-        is_first[1:] = np.any(changes != 0, axis=1)
+        is_first[1:] = np.any(np.diff(self.sets[:, :-1], axis=0) != 0, axis=1)
         return frozen(np.append(np.flatnonzero(is_first), self.num_recipes))
 
     @cached_property
@@ -520,8 +519,7 @@ def _group(
     size: int,
 ) -> tuple[Ids, Ids]:
     """Group ``values`` by key: group ``k`` is ``ordered[starts[k] : starts[k + 1]]``, ascending."""
-    sizes = np.bincount(keys, minlength=size)
-    starts = np.concatenate([[0], np.cumsum(sizes)])
+    starts = np.concatenate([[0], np.cumsum(np.bincount(keys, minlength=size))])
     # By key first, then by value: one number for both, which is sorted faster than two columns.
     num_values = int(values.max(initial=0)) + 1
     numbers = keys * num_values + values

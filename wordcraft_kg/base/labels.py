@@ -363,7 +363,8 @@ def _bare(text: str) -> str:
 
 def _signs(text: str) -> tuple[str, str]:
     """Return the signs that belong to the name in a text, without article and punctuation."""
-    return signs_of(_ARTICLE.sub("", _without_marks(text).lower()))
+    bare = _without_marks(text).lower()
+    return signs_of(_ARTICLE.sub("", bare))
 
 
 def _without_marks(text: str) -> str:

@@ -388,7 +388,9 @@ def crossed_difference(
         p_value = float(brentq(lambda p: half_width(p) - abs(value), smallest_p, 1.0))
     half = half_width(1 - level)
     # A difference of rates lies between -1 and 1.
-    return (value, max(value - half, -1.0), min(value + half, 1.0)), p_value
+    low = max(value - half, -1.0)
+    high = min(value + half, 1.0)
+    return (value, low, high), p_value
 
 
 HalfWidth = Callable[[float], float]

@@ -323,8 +323,7 @@ def _scored_set(
     """Return the answer of a model of sets to a recipe, and its lines of text."""
     from wordcraft_kg.evaluation.suggestions import parse_set, score_set, suggest_sets
 
-    entities = frozenset(model.opened.graph.entities)
-    ingredients, result, size = parse_set(words, entities)
+    ingredients, result, size = parse_set(words, frozenset(model.opened.graph.entities))
     _check_new_only(new_only, is_whole=bool(ingredients))
     if ingredients:
         view = score_set(model, ingredients, result)

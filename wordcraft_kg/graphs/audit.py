@@ -461,8 +461,9 @@ def _ambiguity(graph: RecipeGraph) -> Ambiguity:
     num_results = np.diff(graph.pair_starts)
     # Stable, so that of equally ambiguous pairs those come first that come first in the graph.
     most_ambiguous = np.argsort(-num_results, kind="stable")[:SHOWN]
+    has_several = num_results[most_ambiguous] > 1
     examples = []
-    for pair in most_ambiguous[num_results[most_ambiguous] > 1].tolist():
+    for pair in most_ambiguous[has_several].tolist():
         # Recipes are sorted by pair, so those of a pair follow each other.
         start, stop = graph.pair_starts[pair : pair + 2]
         ingredients = graph.labels(graph.sets[start, : graph.sizes[start]])

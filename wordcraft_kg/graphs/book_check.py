@@ -294,7 +294,8 @@ def _lines_of(lines_of: Mapping[Any, Sequence[Place]], keys: Iterable[Any]) -> l
 
 def _numbers(places: Iterable[Place]) -> list[int]:
     """Return the line numbers among places, ascending, as many as a finding shows."""
-    return sorted(islice((place for place in places if isinstance(place, int)), LISTED))
+    numbers = (place for place in places if isinstance(place, int))
+    return sorted(islice(numbers, LISTED))
 
 
 def _first_lines(lines_of: Mapping[Recipe, Sequence[Place]]) -> dict[str, int]:

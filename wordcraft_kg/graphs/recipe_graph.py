@@ -365,7 +365,8 @@ class RecipeGraph:
         """
         # Recipes are sorted by pair, so a new pair begins where a row differs from the row before.
         is_first = np.ones(self.num_recipes, dtype=bool)
-        is_first[1:] = np.any(np.diff(self.sets[:, :-1], axis=0) != 0, axis=1)
+        changes = np.diff(self.sets[:, :-1], axis=0)
+        is_first[1:] = np.any(changes != 0, axis=1)
         return frozen(np.append(np.flatnonzero(is_first), self.num_recipes))
 
     @cached_property

@@ -379,8 +379,9 @@ class RecipeBook:
     def entities(self) -> tuple[str, ...]:
         """Labels of all entities in the book, sorted."""
         mentioned = RecipeRows.of(self.recipes).mentioned
+        idle_labels = set(self.idle).difference(mentioned)
         # Fast for labels that are in order already, as those of a book that was read are.
-        return tuple(sorted([*mentioned, *set(self.idle).difference(mentioned)]))
+        return tuple(sorted([*mentioned, *idle_labels]))
 
 
 def _recipe_of(row: Sequence[str]) -> Recipe:

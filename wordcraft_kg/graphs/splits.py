@@ -216,7 +216,8 @@ class Split:
     def unseen(self) -> Ids:
         """Triples that no train recipe gives, shape (T, 3), sorted."""
         full = self.graph.triples
-        return frozen(full[~is_in(full, self.partial, self.graph.num_entities)])
+        is_seen = is_in(full, self.partial, self.graph.num_entities)
+        return frozen(full[~is_seen])
 
     def triples_of(self, part: Part) -> Ids:
         """Return all triples that a part's recipes give, shape (T, 3), sorted.
@@ -697,7 +698,8 @@ def read_published_split(path: Path, graph: RecipeGraph, *, fold: bool = False) 
 def _entries(path: Path, data: bytes) -> list[_Entry]:
     """Return the entries of a file; SplitError for a file of another shape."""
     try:
-        return list(_json_entries(json.loads(data, object_pairs_hook=without_repeated_keys)))
+        document = json.loads(data, object_pairs_hook=without_repeated_keys)
+        return list(_json_entries(document))
     except RecursionError:
         raise SplitError(f"{path}: no split (nested too deeply); {_EXPECTED}.") from None
     except (ValueError, msgspec.ValidationError) as error:

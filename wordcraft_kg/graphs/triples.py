@@ -124,5 +124,6 @@ def triple_lines(triples: Ids, entities: Sequence[str]) -> Iterator[str]:
     ends = [f"{label}\n" for label in entities]
     head, relation, tail = triples.T
     # Places of a triple's two cells, shape (T, 2).
-    rows = np.column_stack([relation * len(entities) + head, tail])
+    beginning = relation * len(entities) + head
+    rows = np.column_stack([beginning, tail])
     yield from row_text(rows, (beginnings, ends))

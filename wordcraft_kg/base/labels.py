@@ -231,8 +231,7 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
     text = " ".join(written.split())
     if not labels:
         raise ActionError("nothing to combine: expected at least one item.")
-    example = f"{labels[0]} + {labels[-1]}"
-    expected = f"expected two items, such as '{example}'"
+    expected = f"expected two items, such as '{labels[0]} + {labels[-1]}'"
     if not text:
         raise ActionError(f"no answer: {expected}.")
     if len(text) > _MOST_WRITTEN:
@@ -245,8 +244,7 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
     readings = (text, without_result, without_verb, without_both)
     for reading in dict.fromkeys(readings):
         pairs = _pairs_in(reading, labels)
-        distinct = {tuple(sorted(pair)) for pair in pairs}
-        if len(distinct) > 1:
+        if len({tuple(sorted(pair)) for pair in pairs}) > 1:
             ways = " or ".join(f"{labels[first]} + {labels[second]}" for first, second in pairs)
             raise ActionError(
                 f"'{_shown(text)}' is ambiguous: {ways}. Write the numbers, such as '1 2'."
@@ -265,8 +263,7 @@ def last_line(message: str) -> str:
     lines = [line.strip() for line in message.splitlines() if line.strip(marks)]
     if not lines:
         return ""
-    answer = _LIST_MARK.sub("", lines[-1])
-    return answer.strip("*`| \t")
+    return _LIST_MARK.sub("", lines[-1]).strip("*`| \t")
 
 
 def _meant(written: str, labels: Sequence[str], *, by_number: bool = True) -> list[int]:
@@ -317,15 +314,13 @@ def _printed(text: str, index: LabelIndex) -> list[int]:
     match = _PRINTED.fullmatch(text)
     if match is None:
         return []
-    number = match["before"] or match["after"]
-    place = int(number) - 1
+    place = int(match["before"] or match["after"]) - 1
     label = match["first"] or match["last"]
     if _NUMBER.fullmatch(label):
         return [place] if index.place_of(label) == place else []
     if place in index.places(label, by_beginning=True):
         return [place]
-    is_count = match["before"] == "1"
-    return index.places(label) if is_count else []
+    return index.places(label) if match["before"] == "1" else []
 
 
 def _pairs_in(text: str, labels: Sequence[str]) -> list[tuple[int, int]]:
@@ -374,8 +369,7 @@ def _signs(text: str) -> tuple[str, str]:
 
 def _without_marks(text: str) -> str:
     """Return a text without quotes and punctuation at its ends; `.5` keeps its point."""
-    but_points = _MARKS.replace(".", "")
-    with_points = text.rstrip(_MARKS).lstrip(but_points)
+    with_points = text.rstrip(_MARKS).lstrip(_MARKS.replace(".", ""))
     return with_points if _FRACTION.match(with_points) else text.strip(_MARKS)
 
 

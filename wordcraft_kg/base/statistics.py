@@ -199,13 +199,11 @@ def task_bootstrap(
     solved, sizes = _group_sums(table.sum(axis=1), groups)
     if np.ptp(solved / sizes) == 0:
         rate = float(solved[0] / sizes[0]) / attempts
-        number = len(sizes)
-        return wilson_interval(rate * number, number)
+        return wilson_interval(rate * len(sizes), len(sizes))
     if len(sizes) < FEWEST_GROUPS:
         return rate_interval(table.mean(axis=1)[None], groups)
     # Divided at the end only, since the sums had to be whole.
-    ratios = _resampled_ratios(solved, sizes, draws, rng)
-    return interval(ratios / attempts)
+    return interval(_resampled_ratios(solved, sizes, draws, rng) / attempts)
 
 
 def paired_difference(

@@ -250,8 +250,7 @@ def words_in(label: str) -> list[str]:
         >>> words_in("minecraft:oak_log"), words_in("IronPlate"), words_in("O2-")
         (['minecraft', 'oak', 'log'], ['Iron', 'Plate'], ['O2-'])
     """
-    blanks = label.replace("_", " ")
-    spaced = _BETWEEN_WORDS.sub(" ", blanks).split()
+    spaced = _BETWEEN_WORDS.sub(" ", label.replace("_", " ")).split()
     return list(chain.from_iterable(map(_at_capitals, spaced)))
 
 

@@ -180,10 +180,9 @@ def _continued(command: str) -> str:
 
     Where a terminal wraps a line, a copy of it is two commands.
     """
-    # Only spaces before an option may end a line: text is wrapped at none of the others.
-    unbroken = re.sub(" (?!--)", "\N{NO-BREAK SPACE}", command)
     lines = textwrap.wrap(
-        unbroken,
+        # Only spaces before an option may end a line: text is wrapped at none of the others.
+        re.sub(" (?!--)", "\N{NO-BREAK SPACE}", command),
         _WIDTH,
         initial_indent="  ",
         subsequent_indent="    ",

@@ -353,8 +353,7 @@ def _rows(
                 cells = [_cell(item, in_list=True) for item in value]
                 # A record counts the elements of a shortened list, such as `unreachable` for
                 # `unreachable_entities`.
-                count = _COUNTS.get(name) or name.rpartition("_")[0]
-                total = values.get(count)
+                total = values.get(_COUNTS.get(name) or name.rpartition("_")[0])
                 yield label, listed(cells, total=total if isinstance(total, int) else len(value))
         elif value is not None:
             yield label, _cell(value)

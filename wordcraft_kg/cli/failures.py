@@ -129,8 +129,7 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
     if isinstance(error, KeyboardInterrupt):
         return Failure(kind, str(error) or "interrupted; nothing was written", INTERRUPTED)
     if isinstance(error, WordCraftKGError):
-        shown = with_options(str(error), manual)
-        return Failure(error.kind, shown, setting=error.setting)
+        return Failure(error.kind, with_options(str(error), manual), setting=error.setting)
     if isinstance(error, ModuleNotFoundError):
         # Of an optional package the remedy is known; another missing module is a defect.
         missing = missing_package("this command", error)

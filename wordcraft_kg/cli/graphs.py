@@ -283,8 +283,7 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
     _warn(audited)
     full = ("--kg", "full") if split == "none" else ()
     following = command_line("train-recipes", folder, *full)
-    end = f"wrote {folder}/   next: {following}"
-    lines = [*lines_of_build(audited), end]
+    lines = [*lines_of_build(audited), f"wrote {folder}/   next: {following}"]
     output.result({"out": str(folder), **as_values(audited)}, lines)
 
 
@@ -398,10 +397,9 @@ def _warn(audited: Audit) -> None:
             remedy,
         )
     elif audited.base_is_inferred:
-        entities = counted(len(audited.base), "entity", "entities")
         warn(
             "no base is named, so the base is the %s without a recipe: %s. %s",
-            entities,
+            counted(len(audited.base), "entity", "entities"),
             base,
             remedy,
         )

@@ -93,7 +93,7 @@ def _import_scores(graph: str, scores: Path, out: Path | None, force: bool, outp
     origin = f"scores of sets from {scores.name}, SHA-256 {sha256_of(scores)}"
     save_scorer(out, scorer, opened, kg="none", origin=origin, force=force)
     train = command_line("train-agent", graph, "--scorer", out, "--use", "table")
-    view = {"out": str(out), "scores": len(scorer.values)}
     output.result(
-        view, [f"{counted(len(scorer.values), 'score')}", f"wrote {out}/   next: {train}"]
+        {"out": str(out), "scores": len(scorer.values)},
+        [counted(len(scorer.values), "score"), f"wrote {out}/   next: {train}"],
     )

@@ -148,8 +148,7 @@ def _evaluate_sets(
     """Write the evaluation of a model of sets into a folder, and print it."""
     from wordcraft_kg.evaluation.ranked_sets import rank_sets
 
-    user_rule = read_rule(rule) if rule else None
-    view, ranked = rank_sets(trained, name, predictions, user_rule)
+    view, ranked = rank_sets(trained, name, predictions, read_rule(rule) if rule else None)
     with staged_folder(folder, force=force) as staging:
         write_atomically(staging / "sets.json", dump_json(as_values(view)))
         write_atomically(staging / "predictions.json", dump_json(ranked))
@@ -326,8 +325,7 @@ def _scored_set(
     """Return the answer of a model of sets to a recipe, and its lines of text."""
     from wordcraft_kg.evaluation.suggestions import parse_set, score_set, suggest_sets
 
-    entities = frozenset(model.opened.graph.entities)
-    ingredients, result, size = parse_set(words, entities)
+    ingredients, result, size = parse_set(words, frozenset(model.opened.graph.entities))
     _check_new_only(new_only, is_whole=bool(ingredients))
     if ingredients:
         view = score_set(model, ingredients, result)
@@ -576,8 +574,7 @@ def _suggestion_rows(suggestions: "Sequence[Suggestion]") -> Iterator[str]:
     for suggestion in suggestions:
         place = suggestion.known if suggestion.steps is None else f"step {suggestion.steps}"
         rows.append((f"{suggestion.probability:>11.3f}", place, str(suggestion.recipe)))
-    lines = aligned(rows)
-    for line, suggestion in zip(lines, suggestions, strict=True):
+    for line, suggestion in zip(aligned(rows), suggestions, strict=True):
         yield line
         if suggestion.because:
             supports = (f"{recipe} ({strength:.2g})" for recipe, strength in suggestion.because)

@@ -289,8 +289,7 @@ def _repeated(lines_of: Mapping[Recipe, Sequence[Place]]) -> Iterator[Finding]:
 
 def _lines_of(lines_of: Mapping[Any, Sequence[Place]], keys: Iterable[Any]) -> list[int]:
     """Return the line numbers of recipes or labels, as many as a finding shows."""
-    places_of_keys = (lines_of.get(key, ()) for key in keys)
-    return _numbers(chain.from_iterable(places_of_keys))
+    return _numbers(chain.from_iterable(lines_of.get(key, ()) for key in keys))
 
 
 def _numbers(places: Iterable[Place]) -> list[int]:
@@ -436,7 +435,6 @@ def _sorted(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     def order(finding: Finding) -> tuple[bool, tuple[int, ...], str, str]:
         is_note = finding.severity != "problem"
         # A finding without lines is about the whole book, and goes first.
-        first_line = finding.lines[:1] or (0,)
-        return is_note, first_line, finding.kind, finding.message
+        return is_note, finding.lines[:1] or (0,), finding.kind, finding.message
 
     return tuple(sorted(findings, key=order))

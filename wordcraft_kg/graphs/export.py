@@ -194,10 +194,9 @@ def to_networkx(graph: RecipeGraph) -> "nx.MultiDiGraph":
     import networkx as nx
 
     view = nx.MultiDiGraph(name=graph.name, hash=graph.hash)
-    in_base = np.isin(np.arange(graph.num_entities), graph.base_ids)
     # Plain numbers, which every writer of networkx accepts.
     columns = (
-        in_base.tolist(),
+        np.isin(np.arange(graph.num_entities), graph.base_ids).tolist(),
         graph.recipe_counts.tolist(),
         graph.use_counts.tolist(),
         layers(graph).tolist(),

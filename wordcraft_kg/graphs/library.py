@@ -80,9 +80,11 @@ def with_made_up_words(book: RecipeBook, seed: int = 0) -> RecipeBook:
     # The words are part of the seed, so that two books do not share invented words.
     digest = sha256("\n".join(ordered_words).encode()).digest()
     rng = np.random.default_rng([seed, *digest])
+    # 64 million words with three syllables.
+    letters = (_STARTS, _VOWELS, _ENDS, _STARTS, _VOWELS, _STARTS, _VOWELS, _ENDS)
     invented: set[str] = set()
     while len(invented) < len(words):
-        word = _word(rng)
+        word = "".join(str(rng.choice(choices)) for choices in letters)
         if word not in words:
             invented.add(word)
     # Both sorted: the n-th word in the alphabet becomes the n-th invented word.
@@ -95,24 +97,16 @@ def with_made_up_words(book: RecipeBook, seed: int = 0) -> RecipeBook:
     hash_of_book = None
     if book.sha256 is not None:
         # Another book than the original, so another hash; the same for the same original and seed.
-        origin = f"{PREFIX} {seed} {book.sha256}"
-        hash_of_book = sha256(origin.encode()).hexdigest()
-    prefix = f"{PREFIX}-{seed}" if seed else PREFIX
+        hash_of_book = sha256(f"{PREFIX} {seed} {book.sha256}".encode()).hexdigest()
     return replace(
         book,
-        name=f"{prefix}-{book.name}",
+        name=f"{PREFIX}-{seed}-{book.name}" if seed else f"{PREFIX}-{book.name}",
         recipes=tuple(sorted(recipe_of.values())),
         base=None if book.base is None else tuple(sorted(map(renamed, book.base))),
         idle=tuple(sorted(map(renamed, book.idle))),
         sha256=hash_of_book,
         kinds={recipe_of[recipe]: kind for recipe, kind in book.kinds.items()},
     )
-
-
-def _word(rng: np.random.Generator) -> str:
-    """Draw one of 64 million words with three syllables."""
-    letters = (_STARTS, _VOWELS, _ENDS, _STARTS, _VOWELS, _STARTS, _VOWELS, _ENDS)
-    return "".join(str(rng.choice(choices)) for choices in letters)
 
 
 DATA_VARIABLE = "WORDCRAFT_KG_DATA"

@@ -73,8 +73,7 @@ def rounds(layer: Ids) -> list[int]:
     Returns:
         Counts, the last for the round after which nothing new is made; empty if nothing is known.
     """
-    new_in_round = np.bincount(layer[layer >= 0])
-    return np.cumsum(new_in_round).tolist()
+    return np.cumsum(np.bincount(layer[layer >= 0])).tolist()
 
 
 @dataclass(frozen=True)
@@ -119,8 +118,7 @@ def derivation_tree(goal: str, steps: Iterable[Recipe]) -> Iterator[str]:
     while stack:
         label, prefix, below = stack.pop()
         if label not in made_by or label in shown:
-            note = " (see above)" if label in shown else ""
-            yield f"{prefix}{label}{note}"
+            yield f"{prefix}{label} (see above)" if label in shown else f"{prefix}{label}"
             continue
         shown.add(label)
         ingredients = made_by[label].ingredients

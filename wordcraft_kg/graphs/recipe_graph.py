@@ -520,8 +520,7 @@ def _group(
     size: int,
 ) -> tuple[Ids, Ids]:
     """Group ``values`` by key: group ``k`` is ``ordered[starts[k] : starts[k + 1]]``, ascending."""
-    sizes = np.bincount(keys, minlength=size)
-    starts = np.concatenate([[0], np.cumsum(sizes)])
+    starts = np.concatenate([[0], np.cumsum(np.bincount(keys, minlength=size))])
     # By key first, then by value: one number for both, which is sorted faster than two columns.
     num_values = int(values.max(initial=0)) + 1
     numbers = keys * num_values + values

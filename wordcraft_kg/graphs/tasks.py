@@ -432,9 +432,8 @@ def make_tasks(
     are_few = depth == 1 or bool(most_plans <= MAX_ENUMERATED)
     is_complete = depth <= _ENUMERATED_DEPTH and are_few
     if is_complete:
-        candidates = sorted(set(_enumerated(accept.search, depth)))
         every_task: dict[_Candidate, Plans] = {}
-        for candidate in candidates:
+        for candidate in sorted(set(_enumerated(accept.search, depth))):
             plans = accept(candidate)
             if plans:
                 every_task[candidate] = plans

@@ -268,9 +268,9 @@ class RunFolder(Generic[P]):
         if last is None:
             return error
         if isinstance(error, KeyboardInterrupt):
-            saved = f"{unit} {last:,} is saved in '{self.path}'"
             return KeyboardInterrupt(
-                f"interrupted; {saved}. Repeat the command to resume from there."
+                f"interrupted; {unit} {last:,} is saved in '{self.path}'. Repeat the command to "
+                "resume from there."
             )
         safe = f"The checkpoint of {unit} {last:,} is safe"
         if isinstance(error, TrainingError):
@@ -423,10 +423,10 @@ def _put_aside(out: Path) -> None:
         return
     if _is_beginning(out) or (_aside(out).exists() and _is_dead(out)):
         shutil.rmtree(out)
-        return
-    # An older folder aside was replaced by ``out``, which has a checkpoint or a result.
-    shutil.rmtree(_aside(out), ignore_errors=True)
-    os.rename(out, _aside(out))
+    else:
+        # An older folder aside was replaced by ``out``, which has a checkpoint or a result.
+        shutil.rmtree(_aside(out), ignore_errors=True)
+        os.rename(out, _aside(out))
 
 
 def _settle(out: Path) -> None:

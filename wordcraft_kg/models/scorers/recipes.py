@@ -19,8 +19,6 @@ from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer
 
 _ROWS = 4_096
 """Recipes scored at once."""
-_HEADS = 128
-"""Rows of a table of pairs that are scored at once."""
 ALL_RESULTS = 50_000
 """Most entities of a book whose entities are all scored as results of a pair.
 
@@ -137,21 +135,11 @@ class RecipeScorer(StoredScorer):
         number = int(self.relation_ids(relation))
         if number in self._tables:
             return self._tables[number]
-        size = len(self.entities)
-        every = torch.arange(size, device=self.device)
-        if number == COMBINES_WITH:
-            # Pairs have no order, so a block of rows needs the columns up to its end alone.
-            scores = torch.empty(size, size, device=self.device)
-            for rows in every.split(_HEADS):
-                columns = every[: rows[-1] + 1]
-                block = self.knowledge.link_scores(number, rows, columns)
-                scores[rows, : len(columns)] = block
-                scores[: len(columns), rows] = block.T
-        else:
-            # By rows in memory: sums over a table depend on its order.
-            scores = self.knowledge.link_scores(number, every, every).contiguous()
+        every = torch.arange(len(self.entities), device=self.device)
+        # By rows in memory: sums over a table depend on its order.
+        scores = self.knowledge.link_scores(number, every, every).contiguous()
         # Computed once: ranking and calibration ask for many parts of it.
-        if has_table(size):
+        if has_table(len(self.entities)):
             self._tables[number] = scores
         return scores
 

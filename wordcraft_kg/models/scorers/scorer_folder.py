@@ -54,7 +54,7 @@ FOLDS_TENSORS = "folds.safetensors"
 CALIBRATION = "calibration.json"
 FOLD_OUTPUTS = (FOLDS_RECORD, FOLDS_TENSORS, CALIBRATION)
 """Further files of a cross-fitted model."""
-FOLD_TRIPLES = 1_000
+FOLD_TRIPLES = 5_000
 """Most triples of a fold that are ranked, by two models: enough to see that it was left out."""
 FOLD_SCORES = 2**23
 """Most scores for tails of these triples, but for the first 50: less time in large books."""

@@ -24,6 +24,7 @@ from wordcraft_kg.graphs import (
     write_graph_folder,
 )
 from wordcraft_kg.graphs.book_check import check_book
+from wordcraft_kg.graphs.export import export_graph, to_networkx
 
 ROWS = [
     ("water", "earth", "mud"),
@@ -213,3 +214,37 @@ def test_a_graph_of_pairs_has_the_same_array_as_recipes_and_as_sets(kitchen):
         ]
     )
     assert RecipeGraph(kitchen.entities, wide, kitchen.base_ids) == kitchen
+
+
+def test_quantities_are_kept_in_the_order_of_the_ingredients_and_exported(put, tmp_path):
+    path = put(
+        "ingredient_a,ingredient_b,ingredient_c,result,kind,quantities\n"
+        "water,flour,salt,dough,mixing,300 500 10\n"
+        "dough,oven,,bread,baking,\n"
+        "bread,bread,,crumbs,,0.5 2\n"
+    )
+    book = read_book(path)
+    expected = {
+        Recipe.of("water", "flour", "salt", "dough"): "500 10 300",
+        Recipe.of("bread", "bread", "crumbs"): "0.5 2",
+    }
+    assert (book.quantities, len(book.kinds)) == (expected, 2)
+    graph = RecipeGraph.from_book(book)
+    assert graph.hash == RecipeGraph.from_book(replace(book, quantities={})).hash
+    split = make_split(graph, SplitConfig("none"))
+    write_graph_folder(tmp_path / "graph", book, split)
+    opened = open_graph(tmp_path / "graph")
+    assert (opened.graph.quantities, opened.graph.kinds) == (graph.quantities, graph.kinds)
+    for format in ("csv", "json"):
+        export_graph(opened, format, tmp_path / f"again.{format}")
+        again = read_book(tmp_path / f"again.{format}")
+        assert (again.quantities, again.kinds) == (expected, book.kinds)
+    assert "500 10 300" in str(list(to_networkx(graph).nodes(data="quantities")))
+    rows = "water,flour,dough,1 2\nwater,flour,dough,1 2\nwater,flour,dough,3 2\n"
+    path.write_text("ingredient_a,ingredient_b,result,quantities\n" + rows)
+    repeated = read_book(path)
+    assert repeated.quantities == {Recipe.of("water", "flour", "dough"): "2 1"}
+    assert "1 repeated recipe with other quantities" in repeated.reading.line()
+    path.write_text("ingredient_a,ingredient_b,result,quantities\nwater,flour,dough,3\n")
+    with pytest.raises(RecipeFileError, match="quantities '3' of 2 ingredients; expected a number"):
+        read_book(path)

@@ -668,4 +668,4 @@ def write_accepted(graph: RecipeGraph, recipes: Sequence[Recipe], out: Path) -> 
         listed=book.idle,
         keep_self_results=True,
     )
-    write_book(replace(longer, kinds=book.kinds), out)
+    write_book(replace(longer, kinds=book.kinds, quantities=book.quantities), out)

@@ -224,7 +224,7 @@ def _read_rows(
     if faulty:
         rows.left_out[FAULTY] = faulty
     base = None if rows.base is None else tuple(sorted(known_labels & rows.base.keys()))
-    return lines_of, rows.with_kinds(replace(book, base=base))
+    return lines_of, rows.with_facts(replace(book, base=base))
 
 
 def _left_out_findings(rows: BookRows) -> Iterator[Finding]:

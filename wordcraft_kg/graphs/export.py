@@ -135,16 +135,19 @@ def _hif(graph: RecipeGraph) -> dict[str, Any]:
 
     A recipe is an edge of a directed hypergraph: its ingredients are the edge's tail, its result is
     the head. Nodes are entities by label, with ``base`` in their attributes; edges have the
-    recipe's ``kind``, if any.
+    recipe's ``kind`` and ``quantities``, if any.
 
     Source: Coll et al., "HIF: The hypergraph interchange format for higher-order networks".
     """
     base = set(graph.base)
-    kinds = graph.kinds or [""] * graph.num_recipes
+    nothing = [""] * graph.num_recipes
+    facts_of_edges = zip(graph.kinds or nothing, graph.quantities or nothing, strict=True)
     edges: list[dict[str, Any]] = []
     incidences = []
-    for edge, (recipe, kind) in enumerate(zip(graph.recipe_labels(), kinds, strict=True)):
-        edges.append({"edge": edge} | ({"attrs": {"kind": kind}} if kind else {}))
+    for edge, (recipe, facts) in enumerate(zip(graph.recipe_labels(), facts_of_edges, strict=True)):
+        attributes = dict(zip(("kind", "quantities"), facts, strict=True))
+        filled_facts = {name: fact for name, fact in attributes.items() if fact}
+        edges.append({"edge": edge} | ({"attrs": filled_facts} if filled_facts else {}))
         # A node is once in an edge; an entity with itself has the weight 2.
         for label, count in Counter(recipe.ingredients).items():
             weight = {"weight": count} if count > 1 else {}
@@ -209,7 +212,8 @@ def to_networkx(graph: RecipeGraph) -> "nx.MultiDiGraph":
         prefix = "_" + prefix
     for index, recipe in enumerate(graph.recipe_labels()):
         node = f"{prefix}{index}"
-        view.add_node(node, kind="recipe")
+        quantities = graph.quantities[index] if graph.quantities else ""
+        view.add_node(node, kind="recipe", **({"quantities": quantities} if quantities else {}))
         for name, ingredient in zip(own_header(MOST_INGREDIENTS), recipe.ingredients, strict=False):
             view.add_edge(ingredient, node, name, role="ingredient")
         view.add_edge(node, recipe.result, "result", role="result")

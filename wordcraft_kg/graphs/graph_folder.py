@@ -83,6 +83,7 @@ class _GraphFile(msgspec.Struct):
         entities: labels of all entities, sorted.
         recipes: labels (*ingredients, result), in the order of the graph.
         kinds: each recipe's kind; empty for a book without kinds.
+        quantities: each recipe's quantities; empty for a book without.
         source: the book.
     """
 
@@ -93,6 +94,7 @@ class _GraphFile(msgspec.Struct):
     entities: list[str]
     recipes: list[_Labels]
     kinds: list[str] = []
+    quantities: list[str] = []
     source: _Origin = _Origin()
 
 
@@ -323,7 +325,7 @@ def _read_graph(folder: Path) -> RecipeGraph:
             f"control characters. {remedy}"
         )
     # Once for each label, not in each recipe.
-    texts = chain(content.entities, filter(None, content.kinds))
+    texts = chain(content.entities, filter(None, content.kinds), filter(None, content.quantities))
     fault = next(filter(None, map(label_fault, texts)), None)
     if fault is not None:
         raise ArtefactError(f"{damaged}: {fault} {remedy}")
@@ -338,11 +340,13 @@ def _read_graph(folder: Path) -> RecipeGraph:
         raise ArtefactError(f"{damaged}: {error} is none of its entities. {remedy}") from None
     except GraphError as error:
         raise ArtefactError(f"{damaged}: {error} {remedy}") from None
-    # Kinds, which the hash leaves out, stand in the order of the recipes.
-    are_complete = len(content.kinds) in (0, graph.num_recipes)
+    # Kinds and quantities, which the hash leaves out, stand in the order of the recipes.
+    lists = (content.kinds, content.quantities)
+    are_complete = all(len(facts) in (0, graph.num_recipes) for facts in lists)
     if graph.hash != content.hash or not are_complete or not np.array_equal(graph.sets, rows):
         raise ArtefactError(f"{damaged}: its content does not match its hash. {remedy}")
     graph.kinds = tuple(content.kinds) or None
+    graph.quantities = tuple(content.quantities) or None
     graph.base_is_inferred = content.source.base_is_inferred
     graph.reading = content.source.reading
     return graph

@@ -106,6 +106,7 @@ def with_made_up_words(book: RecipeBook, seed: int = 0) -> RecipeBook:
         idle=tuple(sorted(map(renamed, book.idle))),
         sha256=hash_of_book,
         kinds={recipe_of[recipe]: kind for recipe, kind in book.kinds.items()},
+        quantities={recipe_of[recipe]: numbers for recipe, numbers in book.quantities.items()},
     )
 
 

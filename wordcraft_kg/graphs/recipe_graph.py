@@ -63,6 +63,8 @@ class RecipeGraph:
             recipe; not part of the content.
         kinds: each recipe's kind of reasoning, empty if unknown; None for a book without kinds;
             not part of the content.
+        quantities: each recipe's quantities, empty if unknown; None for a book without; not part of
+            the content.
         reading: how the book's file was read; None without a file; not part of the content.
 
     Example:
@@ -96,6 +98,7 @@ class RecipeGraph:
         self.name = name
         self.base_is_inferred = False
         self.kinds: tuple[str, ...] | None = None
+        self.quantities: tuple[str, ...] | None = None
         self.reading: Reading | None = None
         self.entities = tuple(entities)
         if any(label >= next_label for label, next_label in pairwise(self.entities)):
@@ -155,6 +158,10 @@ class RecipeGraph:
         graph.reading = book.reading
         if book.kinds:
             graph.kinds = tuple(book.kinds.get(recipe, "") for recipe in graph.recipe_labels())
+        if book.quantities:
+            graph.quantities = tuple(
+                book.quantities.get(recipe, "") for recipe in graph.recipe_labels()
+            )
         return graph
 
     def part(self, is_chosen: NDArray[np.bool_]) -> "RecipeGraph":
@@ -165,14 +172,22 @@ class RecipeGraph:
         """
         graph = RecipeGraph(self.entities, self.sets[is_chosen], self.base_ids, self.name)
         graph.kinds = self.kinds and tuple(compress(self.kinds, is_chosen))
+        graph.quantities = self.quantities and tuple(compress(self.quantities, is_chosen))
         return graph
 
     def to_book(self) -> RecipeBook:
         """Return the recipe book of the graph, which lists all entities."""
         rows = RecipeRows(self.entities, self.sets)
+        nothing = [""] * self.num_recipes
         idle = sorted(set(self.entities).difference(rows.mentioned))
-        kinds = {recipe: kind for recipe, kind in zip(rows, self.kinds or (), strict=False) if kind}
-        return RecipeBook(self.name, rows, self.base, tuple(idle), kinds=kinds)
+        return RecipeBook(
+            self.name,
+            rows,
+            self.base,
+            tuple(idle),
+            kinds=_told(rows, self.kinds or nothing),
+            quantities=_told(rows, self.quantities or nothing),
+        )
 
     @classmethod
     def from_recipes(
@@ -507,6 +522,11 @@ def outcomes_of(recipes: Ids, padding: int) -> dict[tuple[int, ...], tuple[int, 
         ingredients = tuple(entity for entity in ids if entity != padding)
         results_of.setdefault(ingredients, []).append(result)
     return {ingredients: tuple(results) for ingredients, results in results_of.items()}
+
+
+def _told(recipes: Iterable[Recipe], texts: Iterable[str]) -> dict[Recipe, str]:
+    """Return the texts of recipes that have one."""
+    return {recipe: text for recipe, text in zip(recipes, texts, strict=True) if text}
 
 
 def _member(index: tuple[Ids, Ids], key: int) -> Ids:

@@ -316,6 +316,8 @@ class RecipeBook:
         merged_duplicates: number of omitted rows that repeat a recipe.
         sha256: hash of the file's bytes; None for a book that was not read from a file.
         kinds: kind of reasoning by recipe, such as ``making``; empty for a book without kinds.
+        quantities: numbers by recipe, one for each ingredient with blanks between, which no score
+            depends on; empty for a book without quantities.
         reading: how the file was read; None for a book that was not read from a file.
     """
 
@@ -327,6 +329,7 @@ class RecipeBook:
     merged_duplicates: int = 0
     sha256: str | None = None
     kinds: Mapping[Recipe, str] = field(default_factory=dict, hash=False)
+    quantities: Mapping[Recipe, str] = field(default_factory=dict, hash=False, kw_only=True)
     # Two shapes of one content are one book.
     reading: Reading | None = field(default=None, compare=False)
 

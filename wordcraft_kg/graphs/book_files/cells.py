@@ -235,7 +235,7 @@ def rows_of_raw(raw: Raw, joiner: str | None, beside: dict[str, list[Any]]) -> I
     if not parts or not results:
         yield LeftOut(raw.place, WITHOUT)
     else:
-        yield from (Row(raw.place, parts, result, raw.kind) for result in results)
+        yield from (Row(raw.place, parts, result, raw.kind, raw.quantities) for result in results)
 
 
 # --- the label of a text -------------------------------------------------------------------------

@@ -60,6 +60,7 @@ from wordcraft_kg.graphs.book_files.words import (
     KEY,
     KIND,
     LOOPS,
+    QUANTITIES,
     VALUES,
     Path,
     Way,
@@ -179,7 +180,7 @@ def _read_exact(document: Document, source: FileRows) -> FileRows:
     rows = _exact_rows(document)
     is_at_once = source.numbered is not None
     source.entries = rows if is_at_once else sorted(rows, key=itemgetter(0))
-    columns = [name for name in document.value[0] if name != KIND]
+    columns = [name for name in document.value[0] if name not in (KIND, QUANTITIES)]
     source.reading = replace(source.reading, columns=tuple(columns))
     return source
 
@@ -493,10 +494,11 @@ def _candidate(
 ) -> ReadingCandidate:
     """Return the recipes of a way to read a document."""
     way_paths = (*way.parts, *way.results)
-    kind_path = (*way.parts[0][:-1], f".{KIND}")
-    read_paths = {path[:end] for path in (*way_paths, kind_path) for end in range(len(path) + 1)}
+    facts = [(*way.parts[0][:-1], f".{name}") for name in (KIND, QUANTITIES)]
+    facts = [path for path in facts if path in cells and path not in way_paths]
+    read_paths = {path[:end] for path in (*way_paths, *facts) for end in range(len(path) + 1)}
     ignored_paths = [path for path in cells if path not in read_paths and path[-1:] != (KEY,)]
-    raws = list(_raws(document, way, has_kinds=kind_path in cells and kind_path not in way_paths))
+    raws = list(_raws(document, way, facts))
     joiner: str | None = ""
     if len(way.parts) == 1:
         raws = list(chain.from_iterable(_without_lists(raw, way) for raw in raws))
@@ -557,19 +559,22 @@ def _without_lists(raw: Raw, way: Way) -> Iterator[Raw]:
         yield raw._replace(parts=cells)
 
 
-def _raws(document: Document, way: Way, *, has_kinds: bool) -> Iterator[Raw]:
-    """Yield the rows at the paths of a way, those of records with kinds if there are any."""
+def _raws(document: Document, way: Way, facts: Sequence[Path]) -> Iterator[Raw]:
+    """Yield the rows at the paths of a way, those of records with kinds and quantities."""
     paths = (*way.parts, *way.results)
     if all(len(path) == 2 and path[0] == EACH and path[1].startswith(".") for path in paths):
         # Flat records, many times faster.
-        parts = [path[-1][1:] for path in way.parts]
-        result_names = [path[-1][1:] for path in way.results]
+        parts, result_names, fact_names = (
+            [p[-1][1:] for p in column_paths] for column_paths in (way.parts, way.results, facts)
+        )
         places: Iterable[Place] = document.places or map("[{}]".format, count())
         for place, row in zip(places, document.value, strict=False):
             if isinstance(row, dict):
                 cells = [row[name] for name in parts if name in row]
                 results = [row[name] for name in result_names if name in row]
-                yield Raw(place, cells, results, str(row.get(KIND) or "") if has_kinds else "")
+                yield Raw(
+                    place, cells, results, **{name: str(row.get(name) or "") for name in fact_names}
+                )
         return
     # Each of several places, such as [0] and [1], is filled.
     steps = set(chain.from_iterable(way.parts if len(way.parts) > 1 else ()))
@@ -583,15 +588,15 @@ def _exact_rows(document: Document) -> Iterator[Entry]:
     """Yield the recipes of our own table, whose cells are labels as they stand, and all faults."""
     yield from document.others
     for place, record in zip(document.places, document.value, strict=True):
-        *parts, result = (cell for name, cell in record.items() if name != KIND)
+        facts = {name: record[name] for name in (KIND, QUANTITIES) if name in record}
+        *parts, result = (cell for name, cell in record.items() if name not in facts)
         labels = [*filter(None, parts), result]
         faults = list(filter(None, map(exact_fault, labels)))
-        kind = record.get(KIND, "")
-        if kind:
-            faults += filter(None, [label_fault(kind)])
+        if record.get(KIND):
+            faults += filter(None, [label_fault(record[KIND])])
         if len(labels) < 2 or not result:
             yield LeftOut(place, WITHOUT)
         elif faults:
             yield Fault(place, "label", " Also, ".join(dict.fromkeys(faults)))
         else:
-            yield Row(place, labels[:-1], result, kind)
+            yield Row(place, labels[:-1], result, **facts)

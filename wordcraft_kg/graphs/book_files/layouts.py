@@ -24,6 +24,7 @@ from wordcraft_kg.graphs.book_files.rows import (
     refusal,
     without_nothing,
 )
+from wordcraft_kg.graphs.book_files.words import QUANTITIES
 from wordcraft_kg.graphs.recipes import NOTHING, Reading, check_label, label_fault, shown
 
 
@@ -75,14 +76,18 @@ def _our_layout(path: Path, document: Mapping[str, Any]) -> FileRows:
         raise RecipeFileError(
             f"{path}: 'base' is {type(base).__name__}; expected a list of labels or null."
         )
-    kinds = document.get("kinds")
-    if kinds is not None and (not isinstance(kinds, list) or len(kinds) != len(rows)):
-        raise RecipeFileError(
-            f'{path}: kinds is {shown(kinds)}; expected a list with a kind, or "", for each recipe.'
-        )
+    facts = []
+    for name, noun in (("kinds", "a kind"), (QUANTITIES, "quantities")):
+        texts = document.get(name)
+        if texts is not None and (not isinstance(texts, list) or len(texts) != len(rows)):
+            raise RecipeFileError(
+                f'{path}: {name} is {shown(texts)}; expected a list with {noun}, or "", for each '
+                "recipe."
+            )
+        facts.append(texts or repeat(""))
     source = _listing("our own JSON", path, document["entities"], base)
     places = (f"recipes[{index}]" for index in range(len(rows)))
-    raws = zip(places, rows, kinds or repeat(""), strict=False)
+    raws = zip(places, rows, *facts, strict=False)
     source.entries = list(_exact(raws, source.listed, "[ingredient, ingredient, result]"))
     return source
 
@@ -90,15 +95,15 @@ def _our_layout(path: Path, document: Mapping[str, Any]) -> FileRows:
 def _official_layout(path: Path, entities: Mapping[str, Mapping[str, Any]]) -> FileRows:
     """Read the layout of the paper's code: pairs below each entity."""
     source = _listing("the paper's JSON", path, list(entities), None)
-    raws: list[tuple[str, Any, str]] = []
+    raws: list[tuple[str, Any]] = []
     for result, entry in entities.items():
         place = f"entities['{result}'].recipes"
         pairs = entry["recipes"]
         if isinstance(pairs, list):
             rows = ([*pair, result] if isinstance(pair, list) and pair else pair for pair in pairs)
-            raws += ((f"{place}[{index}]", row, "") for index, row in enumerate(rows))
+            raws += ((f"{place}[{index}]", row) for index, row in enumerate(rows))
         else:
-            raws.append((place, pairs, ""))
+            raws.append((place, pairs))
     source.entries = list(_exact(raws, source.listed, "a list of ingredients"))
     return source
 
@@ -131,18 +136,18 @@ def _unknown(label: Any, listed_labels: Mapping[str, Any]) -> str | None:
 
 
 def _exact(
-    raws: Iterable[tuple[str, Any, Any]], listed_labels: Mapping[str, Any], expected: str
+    raws: Iterable[tuple[Any, ...]], listed_labels: Mapping[str, Any], expected: str
 ) -> Iterator[Entry]:
-    """Yield the recipes of rows of labels that a file lists, with their kinds."""
-    for place, row, kind in raws:
+    """Yield the recipes of rows of labels that a file lists, with their kinds and quantities."""
+    for place, row, *facts in raws:
         if not isinstance(row, list) or len(row) < 2:
             yield Fault(place, "row", f"{place} is {shown(row)}; expected {expected}.", "own row")
             continue
         faults = [_unknown(label, listed_labels) for label in row]
-        faults += [label_fault(kind)] if kind != "" else []
+        faults += [label_fault(fact) for fact in facts if fact != ""]
         fault = next(filter(None, faults), None)
         if fault is None:
-            yield Row(place, row[:-1], row[-1], kind)
+            yield Row(place, row[:-1], row[-1], *facts)
         else:
             yield Fault(place, "label", f"{place}: {fault}")
 

@@ -15,8 +15,8 @@ from typing import Any, TypedDict, Unpack
 
 from msgspec.structs import replace
 
-from wordcraft_kg.base import ConfigError, RecipeFileError, nearest, one_of, stage
-from wordcraft_kg.graphs.book_files.cells import odd_label
+from wordcraft_kg.base import ConfigError, RecipeFileError, counted, nearest, one_of, stage
+from wordcraft_kg.graphs.book_files.cells import is_number, odd_label
 from wordcraft_kg.graphs.book_files.documents import Document, read_document
 from wordcraft_kg.graphs.book_files.files import (
     Content,
@@ -177,7 +177,7 @@ def read_book(
             raise RecipeFileError(f"{path}, line {line}: {unknown_base(label, entities)}")
     declared = None if rows.base is None else tuple(sorted(rows.base))
     logging.getLogger(__name__).info("%s: %s", path, reading.line())
-    return rows.with_kinds(replace_field(book, base=declared, reading=reading))
+    return rows.with_facts(replace_field(book, base=declared, reading=reading))
 
 
 def _without_faults(path: Path, rows: "BookRows") -> Iterator[Recipe]:
@@ -265,7 +265,8 @@ class BookRows:
         options: what the user says about the file.
         base: declared base entities and their places; None without a declaration.
         listed: entities listed outside of recipes and their places.
-        kinds: kind of reasoning by recipe; complete after the iteration.
+        kinds, quantities: kind of reasoning, and quantities, by recipe; complete after the
+            iteration.
         rows: rows that were recipes.
         left_out: places of other entries by reason.
         arities: number of rows by number of ingredients.
@@ -293,9 +294,11 @@ class BookRows:
         if source.base is not None:
             self.base = {label_of(label): place for label, place in source.base.items()}
         self.kinds: dict[Recipe, str] = {}
+        self.quantities: dict[Recipe, str] = {}
         self.rows = 0
         self.left_out: defaultdict[str, list[Place]] = defaultdict(list)
         self.arities: Counter[int] = Counter()
+        self._other_quantities = 0
 
     def all_at_once(self) -> RecipeRows | None:
         """Return the recipes of all rows, if they are nothing but plain pairs; None to iterate.
@@ -329,7 +332,7 @@ class BookRows:
 
     def _recipe(self, row: Row) -> Recipe | Fault | LeftOut:
         """Return a row's recipe or its fault, or why it is left out."""
-        place, ingredients, result, kind = row
+        place, ingredients, result, kind, quantities = row
         self.arities[len(ingredients)] += 1
         if self.options.case == "fold":
             ingredients = [label.lower() for label in ingredients]
@@ -342,6 +345,16 @@ class BookRows:
             if first_kind != kind:
                 message = f"{recipe} has the kind '{kind}' here, and '{first_kind}' above."
                 return fault_at(place, "row", message)
+        if quantities:
+            numbers = quantities.split()
+            if len(numbers) != len(ingredients) or not all(map(is_number, numbers)):
+                number = counted(len(ingredients), "ingredient")
+                message = f"the quantities '{quantities[:80]}' of {number}; expected a number each."
+                return fault_at(place, "row", message, "quantities")
+            # In the order of the recipe's ingredients; of a recipe that is repeated, the first.
+            in_order = [number for _, number in sorted(zip(ingredients, numbers, strict=True))]
+            first_numbers = self.quantities.setdefault(recipe, " ".join(in_order))
+            self._other_quantities += first_numbers != " ".join(in_order)
         return recipe
 
     @cached_property
@@ -373,12 +386,18 @@ class BookRows:
         second = {None: (), _ALONE: (), _SELF: (label,)}.get(single, (single,))
         return Recipe((label, *second), result)
 
-    def with_kinds(self, book: RecipeBook) -> RecipeBook:
-        """Return a book with the kinds of those rows that became its recipes."""
+    def with_facts(self, book: RecipeBook) -> RecipeBook:
+        """Return a book with the kinds and quantities of those rows that became its recipes."""
         # Millions of recipes without any are not looked at one by one.
-        recipes = set(book.recipes) if self.kinds else set()
-        kinds = {recipe: kind for recipe, kind in self.kinds.items() if recipe in recipes}
-        return replace_field(book, kinds=kinds)
+        has_facts = bool(self.kinds) or bool(self.quantities)
+        recipes = set(book.recipes) if has_facts else set()
+        return replace_field(
+            book,
+            kinds={recipe: kind for recipe, kind in self.kinds.items() if recipe in recipes},
+            quantities={
+                recipe: numbers for recipe, numbers in self.quantities.items() if recipe in recipes
+            },
+        )
 
     def reading(self, merged: int, self_results: int, labels: Collection[str]) -> Reading:
         """Return the record of how the file was read, after the iteration.
@@ -394,6 +413,12 @@ class BookRows:
         left_out[REPEATED] += merged
         left_out[SELF_RESULT] += self_results
         reading = self.source.reading
+        notes = [*reading.notes, *notes_about(labels)]
+        if self._other_quantities:
+            notes.append(
+                f"{counted(self._other_quantities, 'repeated recipe')} with other quantities, of "
+                "which the first row counts"
+            )
         return replace(
             reading,
             container=self.content.container,
@@ -403,7 +428,7 @@ class BookRows:
             kept=self.rows - left_out.total(),
             left_out={reason: number for reason, number in left_out.items() if number},
             arities={str(arity): self.arities[arity] for arity in sorted(self.arities)},
-            notes=(*reading.notes, *notes_about(labels)),
+            notes=tuple(notes),
         )
 
 

@@ -40,12 +40,14 @@ class Raw(NamedTuple):
         parts: cells or values of JSON with the ingredients.
         results: those with the results.
         kind: kind of reasoning.
+        quantities: a number for each ingredient, with blanks between; empty without them.
     """
 
     place: Place
     parts: Sequence[Any]
     results: Sequence[Any]
     kind: str = ""
+    quantities: str = ""
 
 
 class Row(NamedTuple):
@@ -56,12 +58,14 @@ class Row(NamedTuple):
         ingredients: one or more labels.
         result: label of what they make.
         kind: kind of reasoning; empty without one.
+        quantities: a number for each ingredient, with blanks between; empty without them.
     """
 
     place: Place
     ingredients: Sequence[str]
     result: str
     kind: str = ""
+    quantities: str = ""
 
 
 class Fault(NamedTuple):

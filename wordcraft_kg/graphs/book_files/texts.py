@@ -41,6 +41,7 @@ from wordcraft_kg.graphs.book_files.rows import (
 from wordcraft_kg.graphs.book_files.words import (
     EACH,
     KIND,
+    QUANTITIES,
     is_documented,
     is_name,
     own_header,
@@ -54,9 +55,9 @@ DELIMITERS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "pipes"}
 """Column delimiters that are tried, with their names."""
 _SPELT = {"comma": ",", "semicolon": ";", "tab": "\t", "\\t": "\t", "pipe": "|", "space": " "}
 _OWN = {
-    (*own_header(number), *kind_column)
+    (*own_header(number), *facts)
     for number in range(2, MOST_INGREDIENTS + 1)
-    for kind_column in ((), (KIND,))
+    for facts in ((), (KIND,), (QUANTITIES,), (KIND, QUANTITIES))
 }
 _SAMPLE_ROWS = 200
 _FEWEST_BELOW = 3  # rows below a header of other words

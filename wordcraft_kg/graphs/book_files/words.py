@@ -46,6 +46,8 @@ _JOINED = (
 
 KIND = "kind"
 """Name of the optional column with the kind of reasoning behind a recipe."""
+QUANTITIES = "quantities"
+"""Name of the optional column with a number for each ingredient, in the order of the row."""
 CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from wordcraft_kg.base import RecipeFileError, output_target, write_atomically
 from wordcraft_kg.graphs.arrays import json_recipes, row_text
 from wordcraft_kg.graphs.book_files.cells import trim_unseen
-from wordcraft_kg.graphs.book_files.words import KIND, own_header
+from wordcraft_kg.graphs.book_files.words import KIND, QUANTITIES, own_header
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, RecipeRows
 
 _JSON_FORMAT = "wordcraft-kg recipe book 1"
@@ -56,7 +56,7 @@ def _directives(book: RecipeBook) -> Iterator[str]:
 def recipe_table(
     book: RecipeBook, delimiter: str = ",", further: FurtherCells | None = None
 ) -> Iterator[str]:
-    """Yield table lines: a header, then ingredients and result, and the kind if the book has kinds.
+    """Yield table lines: a header, then ingredients and result, kinds and quantities if any.
 
     Args:
         book: the book, whose recipes are in the order of the lines.
@@ -65,15 +65,19 @@ def recipe_table(
     """
     rows = RecipeRows.of(book.recipes)
     num_ingredients = rows.ids.shape[1] - 1
-    if book.kinds or further:
+    facts = {KIND: book.kinds, QUANTITIES: book.quantities}
+    facts = {name: texts for name, texts in facts.items() if texts}
+    if facts or further:
         names, row_of = further or ((), {})
-        kind_names = [KIND] if book.kinds else []
-        yield csv_line((*own_header(num_ingredients), *kind_names, *names), delimiter)
+        yield csv_line((*own_header(num_ingredients), *facts, *names), delimiter)
         for recipe in book.recipes:
             ingredients, cells = row_of.get(recipe, (recipe.ingredients, ()))
+            if book.quantities:
+                # Quantities are in the order of the recipe's ingredients.
+                ingredients = recipe.ingredients
             blanks = [""] * (num_ingredients - len(ingredients))
-            kinds = [book.kinds.get(recipe, "")] * len(kind_names)
-            yield csv_line((*ingredients, *blanks, recipe.result, *kinds, *cells), delimiter)
+            fact_cells = (texts.get(recipe, "") for texts in facts.values())
+            yield csv_line((*ingredients, *blanks, recipe.result, *fact_cells, *cells), delimiter)
         return
     yield csv_line(own_header(num_ingredients), delimiter)
     # A label is looked at once, not in each of its recipes; the padding is a blank cell.
@@ -98,8 +102,9 @@ def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
     yield "{\n"
     yield f'"format": {dump(_JSON_FORMAT)},\n'
     yield f'"name": {dump(book.name)},\n'
-    if book.kinds:
-        extra["kinds"] = [book.kinds.get(recipe, "") for recipe in book.recipes]
+    for name, values_by_recipe in (("kinds", book.kinds), (QUANTITIES, book.quantities)):
+        if values_by_recipe:
+            extra[name] = [values_by_recipe.get(recipe, "") for recipe in book.recipes]
     for key, value in extra.items():
         yield f"{dump(key)}: {dump(value)},\n"
     yield f'"base": {dump(book.base)},\n'

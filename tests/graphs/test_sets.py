@@ -229,6 +229,10 @@ def test_quantities_are_kept_in_the_order_of_the_ingredients_and_exported(put, t
         Recipe.of("bread", "bread", "crumbs"): "0.5 2",
     }
     assert (book.quantities, len(book.kinds)) == (expected, 2)
+    # A column that is not read changes nothing.
+    lines = path.read_text().splitlines()
+    noted = put("\n".join([f"{lines[0]},note", *(f"{line},x" for line in lines[1:])]))
+    assert read_book(noted).quantities == expected
     graph = RecipeGraph.from_book(book)
     assert graph.hash == RecipeGraph.from_book(replace(book, quantities={})).hash
     split = make_split(graph, SplitConfig("none"))

@@ -332,7 +332,7 @@ def read_labels(
                 entry = fault_at(entry.place, "label", message)
             else:
                 *ingredients, result = map(label_of.__getitem__, texts)
-                entry = Row(entry.place, ingredients, result, entry.kind)
+                entry = entry._replace(ingredients=ingredients, result=result)
         labelled.append(entry)
     return labelled, trimmed
 

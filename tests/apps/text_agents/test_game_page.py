@@ -11,7 +11,7 @@ from starlette.testclient import TestClient
 
 from wordcraft_kg import RecipeGraph, open_graph
 from wordcraft_kg.apps.text_agents import browser_game as game
-from wordcraft_kg.apps.text_agents.browser_game import export_game, make_game_app
+from wordcraft_kg.apps.text_agents.browser_game import export_game, icons_of, make_game_app
 from wordcraft_kg.base.errors import ConfigError
 
 SETS = "examples/kitchen-sets.csv"
@@ -39,9 +39,10 @@ def test_a_page_holds_the_whole_book(source, tmp_path):
 def test_labels_are_text_on_the_page_whatever_they_say(tmp_path):
     hostile = '</script><script>alert(1)</script><img src=x onerror="alert(2)">'
     graph = RecipeGraph.from_recipes([("a", hostile, "b<!--")], name=hostile)
-    export_game(graph, tmp_path / "game.html")
+    export_game(graph, tmp_path / "game.html", {0: hostile})
     page = (tmp_path / "game.html").read_text(encoding="utf-8")
     assert hostile in book_on(page)["labels"]
+    assert book_on(page)["icons"] == {"0": hostile}
     assert page.count("<script") == 2
     assert "<img" not in page
 
@@ -85,6 +86,18 @@ def test_the_command_writes_the_file_and_names_it(run, tmp_path):
     outcome = run("play", "kitchen", "--export", path, "--json")
     assert (outcome.code, json.loads(outcome.out)) == (0, {"game": str(path)})
     assert path.is_file()
+
+
+def test_icons_come_from_a_column_named_emoji(run, put, tmp_path):
+    path = put(
+        "# base: water, earth, fire\nfirst,second,result,emoji\nwater,earth, mud ,🟤\nmud,fire,brick,\n"
+    )
+    graph = open_graph(path).graph
+    assert icons_of(str(path), graph) == {graph.id_of("mud"): "🟤"}
+    assert icons_of("kitchen", graph) == {}
+    assert run("play", path, "--export", tmp_path / "game.html").code == 0
+    page = (tmp_path / "game.html").read_text(encoding="utf-8")
+    assert book_on(page)["icons"] == {str(graph.id_of("mud")): "🟤"}
 
 
 def test_a_book_in_which_everything_has_a_recipe_is_refused(tmp_path):

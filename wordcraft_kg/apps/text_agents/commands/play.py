@@ -149,15 +149,16 @@ def _play_page(
     from wordcraft_kg.base.extras import check_extra
 
     check_extra("explore")
-    from wordcraft_kg.apps.text_agents.browser_game import export_game, make_game_app
+    from wordcraft_kg.apps.text_agents.browser_game import export_game, icons_of, make_game_app
     from wordcraft_kg.apps.web.serving import listen, serve
 
     graph = open_graph(source).graph
+    icons = icons_of(source, graph)
     if export:
-        export_game(graph, export, force=force)
+        export_game(graph, export, icons, force=force)
         output.result({"game": str(export)}, [f"wrote {export}: open it in a browser"])
     if browser:
-        app = make_game_app(graph, host)
+        app = make_game_app(graph, host, icons)
 
         def started(address: str) -> None:
             output.result({"address": address}, [f"{address}   Ctrl-C stops the server"])

@@ -7,6 +7,7 @@
   const SHOWN = 500; // items drawn at once: more make a page slow
   const KEYS = "1234567890";
   const label = (item) => BOOK.labels[item];
+  const named = (item) => (item in BOOK.icons ? `${BOOK.icons[item]} ${label(item)}` : label(item));
   const byId = (id) => document.getElementById(id);
   const make = (tag, text = "", attributes = {}) => {
     const element = document.createElement(tag);
@@ -140,7 +141,7 @@
   const showItems = () => {
     const items = listed();
     draw(byId("items"), items.slice(0, SHOWN), (item) => {
-      const button = make("button", label(item), { type: "button" });
+      const button = make("button", named(item), { type: "button" });
       button.classList.toggle("fresh", newest.has(item));
       button.classList.toggle("hinted", hint.includes(item));
       button.addEventListener("click", () => discover.pick(item));
@@ -269,7 +270,7 @@
     byId("goal-counts").textContent = `Goals made: ${tally.made} of ${tally.played}.${left}`;
     draw(byId("table"), task.table, (item, slot) => {
       const key = slot < KEYS.length ? `${KEYS[slot]} ` : "";
-      const button = make("button", `${key}${label(item)}`, { type: "button" });
+      const button = make("button", `${key}${named(item)}`, { type: "button" });
       button.disabled = task.over;
       button.addEventListener("click", () => game.pick(item));
       return button;

@@ -386,8 +386,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
 
     @classmethod
     def outcome(cls, files: RunFiles) -> TrainedAgent:  # noqa: D102 - inherited
-        summary = read_summary(files)
-        return TrainedAgent(files.folder, summary)
+        return TrainedAgent(files.folder, read_summary(files))
 
     def _in_updates(self, steps: int) -> int:
         """Return a number of environment steps as a number of updates, 1 or more."""

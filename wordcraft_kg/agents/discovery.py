@@ -200,8 +200,7 @@ class GreedyDiscoverer(Discoverer):
         if self._pending:
             uses = np.concatenate(self._pending)
             # Each recipe with one of its ingredients new: open only if the other is known, too.
-            ingredients = graph.recipes[uses, :2]
-            is_open = self.is_known[ingredients].all(axis=1)
+            is_open = self.is_known[graph.recipes[uses, :2]].all(axis=1)
             self._open = np.union1d(self._open, uses[is_open])
             self._pending = []
         # A recipe whose result has become known gains nothing any more.
@@ -209,12 +208,10 @@ class GreedyDiscoverer(Discoverer):
         self._open = self._open[~is_made]
         pairs, index = np.unique(graph.pair_of_recipe[self._open], return_inverse=True)
         # A pair with several results makes all of them, so their worths add up.
-        results = graph.recipes[self._open, 2]
-        result_values = self._worth[results]
+        result_values = self._worth[graph.recipes[self._open, 2]]
         gains = np.bincount(index, result_values).astype(np.float64)
         best = pairs[self.draw_best(gains)]
-        row = int(graph.pair_starts[best])
-        first, second, _ = graph.recipes[row].tolist()
+        first, second, _ = graph.recipes[graph.pair_starts[best]].tolist()
         return first, second
 
 
@@ -251,8 +248,7 @@ class BookDiscoverer(BestPairDiscoverer):
         votes = np.zeros(self._book.num_entities)
         if row >= 0:
             self._is_new[row] = False
-            results = self._book.recipes[self._book.uses_of(row), 2]
-            np.add.at(votes, results, 1)
+            np.add.at(votes, self._book.recipes[self._book.uses_of(row), 2], 1)
         self._votes = np.vstack([self._votes, votes / self._made])
         # Values change with what is known alone, so the next choice computes them.
         self._values: Floats | None = None

@@ -150,22 +150,20 @@ class Evaluator:
         if distractor_seeds is None:
             distractor_seeds = default_seeds(len(world.tasks))
         self.distractor_seeds = whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE)
-        num_bytes = distractor_seeds * len(self.tasks) * 11
         check_memory(
             "distractor_seeds",
             distractor_seeds,
             f"the episodes of {len(self.tasks):,} tasks",
-            num_bytes,
+            distractor_seeds * len(self.tasks) * 11,
         )
         self.engine = BatchEngine(world, len(self.tasks))
         self._seed = seed
         # The ingredients in the last recipes of a task's plans, shape (N, P), padded with -1.
-        nothing = world.nothing
         ingredients = world.graph.sets[:, :-1].tolist()
         parts = []
         for task in self.tasks.tolist():
             last_sets = [ingredients[plan[-1]] for plan in world.tasks.plans[task]]
-            parts.append(sorted(set(chain.from_iterable(last_sets)) - {nothing}))
+            parts.append(sorted(set(chain.from_iterable(last_sets)) - {world.nothing}))
         self._parts = padded(parts, -1)
 
     def __call__(
@@ -274,8 +272,7 @@ def evaluate(
     """
     if not isinstance(graph, World):
         settings = {"part": "test", **settings}
-    world = World.of(graph, settings)
-    evaluator = Evaluator(world, distractor_seeds=distractor_seeds)
+    evaluator = Evaluator(World.of(graph, settings), distractor_seeds=distractor_seeds)
     return evaluator(PolicyPlayer(player) if isinstance(player, Policy) else player)
 
 

@@ -273,8 +273,7 @@ class Impala:
         metrics["ratio_mean"] = ratios.mean().item()
         metrics["ratio_max"] = ratios.max().item()
         # A margin for ratios that are 1 but for rounding.
-        is_clipped = ratios > 1 + 1e-5
-        metrics["ratio_clipped"] = is_clipped.float().mean().item()
+        metrics["ratio_clipped"] = (ratios > 1 + 1e-5).float().mean().item()
         # Without the states after the last step, in the order of the rows of the weights.
         states = self._unroll.states.of(slice(-1)).flattened()
         is_first = states.num_selected(self.policy.num_entities) == 0

@@ -17,8 +17,7 @@ def policy_gradient_loss(log_probs: Tensor, advantages: Tensor) -> Tensor:
     Returns:
         shape ().
     """
-    weighted = log_probs * advantages
-    return -weighted.sum()
+    return -(log_probs * advantages).sum()
 
 
 def baseline_loss(values: Tensor, targets: Tensor) -> Tensor:
@@ -31,8 +30,7 @@ def baseline_loss(values: Tensor, targets: Tensor) -> Tensor:
     Returns:
         shape ().
     """
-    errors = targets - values
-    return 0.5 * errors.square().sum()
+    return 0.5 * (targets - values).square().sum()
 
 
 def divergence(log_policies: Tensor, references: Tensor | float) -> Tensor:
@@ -50,8 +48,7 @@ def divergence(log_policies: Tensor, references: Tensor | float) -> Tensor:
     # An empty slot has log π = -inf and π = 0: the product would be NaN, and its limit is 0.
     differences = log_policies - references
     finite = differences.masked_fill(log_policies == -torch.inf, 0)
-    expected = log_policies.exp() * finite
-    return expected.sum()
+    return (log_policies.exp() * finite).sum()
 
 
 def memory_loss(log_policies: Tensor, remembered: Tensor) -> Tensor:

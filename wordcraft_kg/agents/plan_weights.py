@@ -191,9 +191,8 @@ def _fitted(
         shares = log_shares(features, weights[None], ones_per_row, is_empty)
         # (B, A, A) to (B, A · A): the probability of any right pair.
         right_shares = shares.masked_fill(wrong, -torch.inf).flatten(1)
-        right_log_share = torch.logsumexp(right_shares, dim=1)
         penalty = _RIDGE * change.square().sum()
-        value = penalty - right_log_share.mean()
+        value = penalty - torch.logsumexp(right_shares, dim=1).mean()
         value.backward()
         return value
 

@@ -160,8 +160,7 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
         # First entity of an attempt: nothing is selected, and all pairs of slots are scored.
         begins = torch.nonzero(selection == nothing).flatten()
         # In a large book, most slots may be empty, reserved for results.
-        is_filled = table[begins] != nothing
-        slots = torch.nonzero(is_filled.any(0)).flatten()
+        slots = torch.nonzero((table[begins] != nothing).any(0)).flatten()
         # Without slots there is no state to score, and no block to divide by.
         if len(slots):
             at_once = max(1, CELLS // len(slots) ** 2)
@@ -170,11 +169,9 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
                 # Shape (B, A, A): each slot as the first entity against each as the second.
                 left_ids = filled[:, :, None]
                 right_ids = filled[:, None, :]
-                goals = goal[rows, None, None]
-                pairs = of_pairs(left_ids, right_ids, goals, nothing)
+                pairs = of_pairs(left_ids, right_ids, goal[rows, None, None], nothing)
                 # The first entity of an attempt is worth what its best partner makes of it.
-                best = pairs.amax(dim=2)
-                scores[rows[:, None], slots] = best
+                scores[rows[:, None], slots] = pairs.amax(dim=2)
         return _best(state, scores.numpy(), rng)
 
     return choose
@@ -230,9 +227,7 @@ def nearest_words(vectors: NDArray[np.float32]) -> Player:
 
     def choose(state: State, rng: np.random.Generator) -> Ids:
         # Cosines differ by at most 2, so the selection is repeated only if alone on the table.
-        goal_vectors = unit[state.goal]
-        slot_vectors = unit[state.table]
-        cosines = np.einsum("nd,nsd->ns", goal_vectors, slot_vectors)
+        cosines = np.einsum("nd,nsd->ns", unit[state.goal], unit[state.table])
         return _best_of_usual_size(state, cosines - 3.0 * _is_selected(state), rng)
 
     return choose
@@ -249,9 +244,8 @@ def fewest_uses(split: Split) -> Player:
 
     def choose(state: State, rng: np.random.Generator) -> Ids:
         # Any other entity comes before the selection, which is repeated only if alone on the table.
-        lowest = -1.0 - uses.max()
         rarity = -uses[state.table].astype(float)
-        scores = np.where(_is_selected(state), lowest, rarity)
+        scores = np.where(_is_selected(state), -1.0 - uses.max(), rarity)
         return _best_of_usual_size(state, scores, rng)
 
     return choose

@@ -86,8 +86,7 @@ class RecipeDiscoverer(BestPairDiscoverer):
         self._scored: dict[Pair, tuple[NDArray[np.int64], Floats]] = {}
         self._links: dict[int, torch.Tensor] = {}
         # Two columns: mean and variance of each weight.
-        prior = np.array(list(PRIOR.values()))
-        self._mean, self._variance = prior.T
+        self._mean, self._variance = np.array(list(PRIOR.values())).T
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
         self._results = np.empty((0, self._width), dtype=np.int64)
@@ -182,18 +181,16 @@ class RecipeDiscoverer(BestPairDiscoverer):
 
     def _score(self, row: int, partners: NDArray[np.int64]) -> None:
         """Keep likely results with each partner and their scores, which are equal in all runs."""
-        different = dict.fromkeys(partners.tolist())
         unscored = [
             row_of_partner
-            for row_of_partner in different
+            for row_of_partner in dict.fromkeys(partners.tolist())
             if _ordered(row, row_of_partner) not in self._scored
         ]
         if not unscored:
             return
         # A result that is likely by the links of both ingredients is scored as a recipe.
         fit = self._links_of([row]) + self._links_of(unscored)
-        fit_of_book = fit[:, : self._own]
-        candidates = fit_of_book.topk(min(_LIKELY, self._own), dim=1).indices
+        candidates = fit[:, : self._own].topk(min(_LIKELY, self._own), dim=1).indices
         # Shape (n, 1), against the n rows of likely results.
         partner_ids = torch.tensor(unscored)[:, None]
         scored = self._scorer.score_recipes(torch.tensor(row), partner_ids, candidates)
@@ -217,8 +214,7 @@ class RecipeDiscoverer(BestPairDiscoverer):
         for _ in range(_STEPS):
             chances = expit(self._seen @ weights)
             # Gradient and Hessian of the negative log posterior: data, then the normal prior.
-            errors = chances - self._made
-            data_gradient = self._seen.T @ errors
+            data_gradient = self._seen.T @ (chances - self._made)
             prior_gradient = (weights - self._mean) / self._variance
             gradient = data_gradient + prior_gradient
             variances = chances * (1 - chances)

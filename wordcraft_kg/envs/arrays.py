@@ -193,14 +193,13 @@ class _Lookup:
         self._arrays = arrays
         self.no_pair = graph.num_pairs
         rows = np.flatnonzero(usable)
-        result = graph.sets[rows, -1]
         pair, first, counts = np.unique(
             graph.pair_of_recipe[rows], return_index=True, return_counts=True
         )
         # Recipes are sorted by pair: a result's place is its distance from the pair's first.
         place = np.arange(len(rows)) - np.repeat(first, counts)
         results = np.full((self.no_pair + 1, counts.max(initial=1)), graph.num_entities)
-        results[np.repeat(pair, counts), place] = result
+        results[np.repeat(pair, counts), place] = graph.sets[rows, -1]
         self.results = arrays.array(results)
         # The numbers of pairs with a result, ascending, and the first recipe of each.
         self._pair: Ids = pair
@@ -280,8 +279,7 @@ class Sets(_Lookup):
         keys = arrays.row_sums(self._hashes[picks])
         places = arrays.xp.searchsorted(self._keys, keys)
         pair = arrays.full((len(picks),), self.no_pair)
-        is_found = self._keys[places] == keys
-        rows = arrays.rows(is_found)
+        rows = arrays.rows(self._keys[places] == keys)
         if len(rows):
             # Equal sums are no proof of equal sets.
             is_equal = (self._members[places[rows]] == arrays.sorted_rows(picks[rows])).all(1)

@@ -146,8 +146,9 @@ class PlanSearch:
         slots = table.shape[1]
         values = torch.full((*table.shape, slots), -torch.inf, device=table.device)
         for number, rows in self._searches(attempts_left, slots):
-            part = goal[rows], table[rows], model[rows], number, tried[rows]
-            result_values, _ = self._values(*part)
+            result_values, _ = self._values(
+                goal[rows], table[rows], model[rows], number, tried[rows]
+            )
             values[rows] = result_values.amax(1)
         is_empty = table == self.knowledge.num_entities
         has_empty = is_empty[:, :, None] | is_empty[:, None]
@@ -181,8 +182,9 @@ class PlanSearch:
         slots = table.shape[1]
         features = torch.zeros(*table.shape, slots, len(FEATURES), device=table.device)
         for number, rows in self._searches(attempts_left, slots):
-            part = goal[rows], table[rows], model[rows], number, tried[rows]
-            features[rows] = self._features(*part)
+            features[rows] = self._features(
+                goal[rows], table[rows], model[rows], number, tried[rows]
+            )
         return features
 
     def _features(
@@ -258,15 +260,12 @@ class PlanSearch:
                     # As in the look-ahead: the second attempt uses what the first one makes.
                     values[:, :, :-1, :-1] += self.at_once
                 # Only the first pair is given; the plan goes on with the best pair of all.
-                best_pair = int(values[0].amax(0).argmax())
-                first, second = divmod(best_pair, len(table))
+                first, second = divmod(int(values[0].amax(0).argmax()), len(table))
             value, best = values[0, :, first, second].max(0)
             if value == -torch.inf:
                 break
             result = results[:, best]
             is_goal = int(result) == goal
-            first_slot = torch.tensor([first], device=device)
-            second_slot = torch.tensor([second], device=device)
             # With the prior that the search gave this step, so that the steps' probabilities
             # multiply to that of the plan.
             chance = self.curve.log_probabilities(
@@ -274,7 +273,7 @@ class PlanSearch:
                 result,
                 tables,
                 models,
-                (first_slot, second_slot),
+                (torch.tensor([first], device=device), torch.tensor([second], device=device)),
                 prior=0.0 if is_goal else INTERMEDIATE,
             )
             probability = float(chance.exp())
@@ -490,11 +489,9 @@ class PlanSearch:
         values[:, first, second] = log_probs
         values[:, second, first] = log_probs
         is_empty = table == self.knowledge.num_entities
-        has_empty = is_empty[:, :, None] | is_empty[:, None]
-        values.masked_fill_(has_empty, -torch.inf)
+        values.masked_fill_(is_empty[:, :, None] | is_empty[:, None], -torch.inf)
         known_slots = tried.shape[1]
-        tried_values = values[:, :known_slots, :known_slots]
-        tried_values.masked_fill_(tried, -torch.inf)
+        values[:, :known_slots, :known_slots].masked_fill_(tried, -torch.inf)
         return values
 
 
@@ -525,7 +522,6 @@ def _features_of_plans(
         slots: A.
         number: attempts left, 2 or more.
     """
-    goal = to_goal[:, :slots, :slots]
     first = to_candidates[:, :, :slots, :slots]
     last_step = _after_candidates(to_goal, to_candidates, slots, number)
     if number == 2:
@@ -549,7 +545,7 @@ def _features_of_plans(
     if by_candidate.shape[1] > 1:
         second = by_candidate.topk(2, dim=1).values[:, 1]
     features = {
-        "goal": goal.clamp(min=NO_PLAN),
+        "goal": to_goal[:, :slots, :slots].clamp(min=NO_PLAN),
         "plan": best,
         "first": best_first.masked_fill(best_first > _CERTAIN, 0),
         "rest": best_rest.masked_fill(best_rest > _CERTAIN, 0),
@@ -603,8 +599,7 @@ def _after_candidates(to_goal: Tensor, to_candidates: Tensor, slots: int, number
     # Slots of the table come first, then the candidates.
     old = slice(None, slots)
     new = slice(slots, None)
-    on_table = to_goal[:, old, old]
-    direct = on_table.flatten(1).amax(1)
+    direct = to_goal[:, old, old].flatten(1).amax(1)
     # A candidate makes the goal with an entity on the table, or twice.
     last = to_goal[:, new]
     with_table = last[:, :, old].amax(2)
@@ -672,5 +667,4 @@ def _after(
         pairs.unsqueeze(1),
         number - 1,
     )
-    best_step = (begin + after).amax(-1)
-    return torch.maximum(direct, best_step - FURTHER)
+    return torch.maximum(direct, (begin + after).amax(-1) - FURTHER)

@@ -453,8 +453,7 @@ def log_shares(
         shape (B, A, A), symmetric, from :data:`NO_PLAN`; -inf for empty slots.
     """
     # Row 0 is for a single attempt left.
-    row = attempts_left.clamp(1, MAX_ATTEMPTS) - 1
-    state_weights = weights[row]
+    state_weights = weights[attempts_left.clamp(1, MAX_ATTEMPTS) - 1]
     scores = (features * state_weights[:, None, None]).sum(-1)
     has_empty = is_empty[:, :, None] | is_empty[:, None]
     scores = scores.masked_fill(has_empty, -torch.inf)

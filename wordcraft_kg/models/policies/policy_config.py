@@ -158,19 +158,17 @@ class PolicyConfig:
         """
         kind = self.policy or policy
         sees = sees_attempts if self.sees_attempts is None else self.sees_attempts
-        scale = self.scale or ("none" if sees and has_scorer else "ranks")
         form = self.mixing or ("residual" if kind == "pairs" else mixing)
         if kind not in BUILT_IN_POLICIES:
             # A plugin's network has one form, whatever a study sets for all its variants.
             form = "residual"
-        weighs = weigh_plans if self.weigh_plans is None else self.weigh_plans
         return replace(
             self,
             policy=kind,
             sees_attempts=sees,
-            scale=scale,
+            scale=self.scale or ("none" if sees and has_scorer else "ranks"),
             mixing=form,
-            weigh_plans=weighs,
+            weigh_plans=weigh_plans if self.weigh_plans is None else self.weigh_plans,
         )
 
     @property

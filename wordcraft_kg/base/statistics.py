@@ -393,13 +393,9 @@ def crossed_difference(
     return (value, low, high), p_value
 
 
-HalfWidth = Callable[[float], float]
-"""Returns the half-width of the interval of a mean at the confidence 1 - p."""
-
-
 def _crossed(
     table: Scores, groups: Groups, splits: Groups = None
-) -> tuple[float, HalfWidth, float]:
+) -> tuple[float, Callable[[float], float], float]:
     """Return what varies in a table of rates by seeds, groups of tasks and splits.
 
     Args:

@@ -290,7 +290,8 @@ def score(
     entities = frozenset(loaded.scorer.entities)
     if queries is None:
         query_list = [parse_query(words, entities)]
-        _check_new_only(new_only, is_whole=not query_list[0].is_open)
+        if new_only and not query_list[0].is_open:
+            raise ConfigError("`new_only` filters a ranking; leave a slot open.")
     else:
         query_list = read_queries(queries, entities)
     outside = OutsideEvidenceFinder.open(model, loaded.opened)
@@ -326,17 +327,13 @@ def _scored_set(
     from wordcraft_kg.evaluation.suggestions import parse_set, score_set, suggest_sets
 
     ingredients, result, size = parse_set(words, frozenset(model.opened.graph.entities))
-    _check_new_only(new_only, is_whole=bool(ingredients))
+    if ingredients and new_only:
+        raise ConfigError("`new_only` filters a ranking; leave a slot open.")
     if ingredients:
         view = score_set(model, ingredients, result)
     else:
         view = suggest_sets(model, result, top, size=size, new_only=new_only)
     return view, list(suggestion_lines(view))
-
-
-def _check_new_only(new_only: bool, *, is_whole: bool) -> None:
-    if new_only and is_whole:
-        raise ConfigError("`new_only` filters a ranking; leave a slot open.")
 
 
 def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str]:

@@ -359,7 +359,8 @@ class RecipeBook:
         Raises:
             TypeError: if a row does not have two labels or more.
         """
-        numbered = rows if isinstance(rows, RecipeRows) else RecipeRows.of(map(_recipe_of, rows))
+        whole_rows = (row if isinstance(row, Recipe) else Recipe.of(*row) for row in rows)
+        numbered = rows if isinstance(rows, RecipeRows) else RecipeRows.of(whole_rows)
         ordered = numbered.in_order()
         recipe_ids = ordered.ids
         is_self_result = (recipe_ids[:, :-1] == recipe_ids[:, -1:]).any(axis=1)
@@ -385,11 +386,6 @@ class RecipeBook:
         idle_labels = set(self.idle).difference(mentioned)
         # Fast for labels that are in order already, as those of a book that was read are.
         return tuple(sorted([*mentioned, *idle_labels]))
-
-
-def _recipe_of(row: Sequence[str]) -> Recipe:
-    """Return the recipe of a row (*ingredients, result)."""
-    return row if isinstance(row, Recipe) else Recipe.of(*row)
 
 
 def label_fault(label: Any) -> str | None:

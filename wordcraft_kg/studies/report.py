@@ -18,9 +18,6 @@ from wordcraft_kg.studies.view import (
     VariantMetrics,
 )
 
-_Column = tuple[str, Callable[[VariantMetrics], str]]
-"""Heading, and text of a variant's cell."""
-
 
 def tables_of(view: StudyView) -> list[list[dict[str, str]]]:
     """Return the tables of a study report: for each grid point a row per variant, by heading.
@@ -125,7 +122,8 @@ def in_words(claim: Claim, measured: Measured) -> str:
 
 _RESAMPLED = "seeds, tasks"
 """What the intervals of a column are over, in its heading; over splits, another."""
-_COLUMNS: tuple[_Column, ...] = (
+# Headings, and texts of a variant's cells.
+_COLUMNS: tuple[tuple[str, Callable[[VariantMetrics], str]], ...] = (
     ("variant", lambda at: at.variant),
     ("seeds", lambda at: str(len(at.seeds))),
     (f"success [{_RESAMPLED}]", lambda at: with_bounds(at.mean, at.interval)),

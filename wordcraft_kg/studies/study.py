@@ -34,7 +34,6 @@ from wordcraft_kg.models.recipes.recipe_config import RecipeScorerConfig
 
 Value = str | int | float | bool
 Values = dict[str, Value]
-Drawing = Literal["curves", "bars"]
 """The picture to draw: success by training step, or each variant's final success."""
 
 Expected = Literal["more", "less", "comparable", "varies"]
@@ -163,7 +162,7 @@ class Study(Record, omit_defaults=True):
     source: str = ""
     seeds: int = 5
     vary_split: bool = False
-    drawing: Drawing = "curves"
+    drawing: Literal["curves", "bars"] = "curves"
     reference: str = ""
     settings: Values = msgspec.field(default_factory=dict)
     grid: dict[str, list[Value]] = msgspec.field(default_factory=dict)

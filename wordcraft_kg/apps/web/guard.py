@@ -41,8 +41,6 @@ _FOREIGN = 1008
 """Code with which a web socket of a foreign page is closed."""
 WENT_WRONG = "Something went wrong. Please reload the page; the server's terminal has the reason."
 """Shown for an error of the server: the reason is for the person at the terminal."""
-ErrorPage = Callable[[int, str], str]
-"""Returns the HTML page of an error from its status and message."""
 
 
 class Guard:
@@ -57,7 +55,7 @@ class Guard:
         app: ASGIApp,
         host: str,
         more_hosts: Collection[str],
-        error_page: ErrorPage,
+        error_page: Callable[[int, str], str],
         *,
         methods: Collection[str] = ("GET", "HEAD"),
         media_type: str = "text/html",

@@ -35,7 +35,6 @@ POLICIES: Registry[Callable[[int], Any]] = Registry(
 )
 """Own networks by name: what makes one for entity vectors of a length, see ``network``."""
 Mixing = Literal["softmax", "free", "residual"]
-_ValueReadout = Literal["softmax", "logits"]
 
 
 @dataclass(frozen=True)
@@ -114,7 +113,7 @@ class PolicyConfig:
     scale: Scale | None = None
     self_edges: SelfEdges = "observed"
     in_sample: bool = False
-    value_readout: _ValueReadout = "softmax"
+    value_readout: Literal["softmax", "logits"] = "softmax"
     sees_attempts: bool | None = None
 
     def __post_init__(self) -> None:

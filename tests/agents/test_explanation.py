@@ -143,7 +143,11 @@ def test_an_explained_episode_is_that_of_the_evaluation(opened, made, kind, part
             assert decision == result.decisions[task, distractor_seed]
             assert found.episode.start == world.tasks[task].start
             outcomes.add(found.episode.outcome)
-    assert outcomes == {"goal", "out_of_attempts"} or kind not in ("recipes", "in sample")
+    # With scores of learned recipes an agent makes all goals of train tasks.
+    is_sure = (kind, part) == ("in sample", "train")
+    assert (
+        is_sure or outcomes == {"goal", "out_of_attempts"} or kind not in ("recipes", "in sample")
+    )
 
 
 def test_of_a_sample_of_the_tasks_the_tables_are_those_that_were_played(opened, explaining):

@@ -297,7 +297,7 @@ def test_updates_are_those_of_the_formulas_written_out(
                 table_here = seen_here[2]
                 assert table_here == state[2][: len(table_here)]
         torch.testing.assert_close(
-            impala._flat.grad.double(), expected["gradient"], atol=1e-4, rtol=1e-3
+            impala._flat.grad.double(), expected["gradient"], atol=3e-4, rtol=1e-3
         )
         reference = torch.cat(
             [parameter.detach().reshape(-1) for parameter in slow.policy.parameters()]

@@ -19,7 +19,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from functools import partial
+from itertools import chain
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -51,6 +51,7 @@ from wordcraft_kg.models.scorers.neighbours.pair_features import (
     pairs_of,
     with_link_scores,
 )
+from wordcraft_kg.models.scorers.neighbours.regression import SMALL
 from wordcraft_kg.models.scorers.neighbours.results import propose_results
 from wordcraft_kg.models.scorers.neighbours.storage import num_features
 from wordcraft_kg.models.scorers.ranker import Ranker
@@ -79,8 +80,12 @@ Craft and .002 on `everyday`.
 LINK_QUERIES = 1_000
 """Most links of a held-out fold that are asked for on each side, if rankers learn from all folds;
 300 cost .01 of the MRR."""
+LINK_DRAWS = 2
+"""Times that a link is asked for, each with other candidates."""
 CANDIDATES = 64
 """Entities that compete for a link; 256 gain nothing."""
+COMPETING = 24
+"""Most pairs of a table from which a ranker learns: the right ones, and others at random."""
 KNOWN = 10_000
 """Most known recipes whose scores are lifted if held-out goals have none."""
 RESULT_QUERIES = 2_000
@@ -126,34 +131,22 @@ def fit_recipe_scorers(
         an entry of ``wanted``, and the knowledge fitted without these folds.
     """
     has_own_encoders = bool(encoders)
-    # By the folds left out and the fold held out.
-    lessons: dict[tuple[LeftOut, int], _Lesson] = {}
-    missing = set(wanted)
+    # By the fold held out.
+    lessons: dict[int, _Lesson] = {}
+    lists_without: dict[LeftOut, Lists] = {}
 
-    def encoder_without(left_out: Collection[int]) -> PairEncoder | None:
-        return encoders.get(tuple(sorted(left_out)), outside.encoder)
+    def encoder_without(left_out: LeftOut) -> PairEncoder | None:
+        return encoders.get(left_out, outside.encoder)
 
-    def make_lessons(left_out: LeftOut, turn: int) -> dict[tuple[LeftOut, int], _Lesson]:
-        without = {*left_out, turn}
-        lists = words.lists(folds.recipes(without))
-        encoder = encoder_without(without)
-        new_lessons = {}
-        # Each fold left out is held out for the ranker that leaves out the others.
-        for held_out in without:
-            ranker_folds = tuple(sorted(without - {held_out}))
-            turns = lesson_folds(folds, ranker_folds)
-            if ranker_folds in missing and held_out in turns:
-                new_lessons[ranker_folds, held_out] = _lesson(
-                    folds,
-                    lists,
-                    outside,
-                    encoder,
-                    ranker_folds,
-                    held_out,
-                    seed,
-                    is_own_encoder=has_own_encoders,
-                )
-        return new_lessons
+    def make_lesson(held_out: int) -> _Lesson:
+        lists = words.lists(folds.recipes([held_out]))
+        # Those of a large book take hundreds of megabytes, and few of its folds have lessons.
+        if len(words.vectors) <= SMALL:
+            lists_without[(held_out,)] = lists
+        encoder = encoder_without((held_out,))
+        return _lesson(
+            folds, lists, outside, encoder, held_out, seed, is_own_encoder=has_own_encoders
+        )
 
     pool = ThreadPoolExecutor(workers)
     # Rankers are fitted beside each other, and beside the lists of the next ones.
@@ -161,14 +154,16 @@ def fit_recipe_scorers(
     try:
         for number, left_out in enumerate(wanted, 1):
             turns = lesson_folds(folds, left_out)
-            new = [turn for turn in turns if (left_out, turn) not in lessons]
-            for lessons_of_turn in pool.map(partial(make_lessons, left_out), new):
-                lessons |= lessons_of_turn
+            new = [turn for turn in turns if turn not in lessons]
+            for turn, lesson in zip(new, pool.map(make_lesson, new), strict=True):
+                lessons[turn] = lesson
                 after()
-            turn_lessons = [lessons.pop((left_out, turn)) for turn in turns]
-            missing.remove(left_out)
+            turn_lessons = [lessons[turn] for turn in turns]
             encoder = encoder_without(left_out)
-            fit = pool.submit(_fitted, folds, words, outside, encoder, left_out, turn_lessons, seed)
+            lists = lists_without.get(left_out)
+            fit = pool.submit(
+                _fitted, folds, words, outside, encoder, left_out, turn_lessons, lists, seed
+            )
             fits.append((left_out, fit))
             # More waiting fits would only keep what they learn from in memory.
             num_waiting = workers - 1 if number < len(wanted) else 0
@@ -191,11 +186,7 @@ def lesson_folds(folds: Folds, left_out: LeftOut) -> list[int]:
     remaining_folds = [fold for fold in range(folds.count) if fold not in left_out]
     if np.count_nonzero(folds.train_sample.is_trained_on) < ONE_LESSON_FROM:
         return remaining_folds
-    # Folds 0 and 1 learn from each other, so do 2 and 3; the last of an odd number learns from 0.
-    # `^ 1` turns an even number into the next one, and that into the even one.
-    partners = [fold ^ 1 for fold in left_out]
-    partner_folds = [fold for fold in partners if fold in remaining_folds]
-    return partner_folds or remaining_folds[:1]
+    return remaining_folds[:1]
 
 
 def lists_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LeftOut]:
@@ -205,11 +196,8 @@ def lists_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LeftOut]:
         folds: folds of the train recipes.
         wanted: the folds that scorers leave out, in the order of their fits.
     """
-    fold_sets: dict[LeftOut, None] = {}
-    for left_out in wanted:
-        for turn in lesson_folds(folds, left_out):
-            fold_sets[tuple(sorted({*left_out, turn}))] = None
-    return list(fold_sets)
+    turns = chain.from_iterable(lesson_folds(folds, left_out) for left_out in wanted)
+    return [(turn,) for turn in dict.fromkeys(turns)]
 
 
 def encoders_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LeftOut]:
@@ -254,6 +242,7 @@ def _fitted(
     encoder: PairEncoder | None,
     left_out: LeftOut,
     lessons: Sequence[_Lesson],
+    lists: Lists | None,
     seed: int,
 ) -> RecipeKnowledge:
     """Fit the rankers of a scorer: those of links, then that of recipes, which uses their scores.
@@ -265,17 +254,17 @@ def _fitted(
         encoder: pair encoder that has seen what the scorer has seen; None without.
         left_out: folds that the scorer has not seen.
         lessons: the queries of each held-out fold.
+        lists: those of the scorer, if a lesson needed them, too.
         seed: seed of the initial weights and the order of queries.
     """
     generator = torch.Generator().manual_seed(_seed_of(seed, left_out))
     link_rankers = {}
-    for relation in (COMBINES_WITH, COMPONENT_OF):
-        queries = _together([lesson.queries[relation] for lesson in lessons])
+    lesson = _merged(lessons)
+    for relation, queries in lesson.queries.items():
         if len(queries.features):
             link_rankers[relation] = fit_committee(queries, generator, LINKS)
-    for lesson in lessons:
-        _add_link_scores(lesson, link_rankers)
-    examples = _together([lesson.tables for lesson in lessons])
+    _add_link_scores(lesson, link_rankers)
+    examples = lesson.tables
     ranker = fit_committee(examples, generator)
     recipes = folds.recipes(left_out)
     if outside.pairs or outside.parts:
@@ -287,16 +276,17 @@ def _fitted(
             words.near,
             link_rankers,
             encoder,
+            lists,
         )
     ranker = _knowing(ranker, examples, knowledge, recipes)
-    if any(lesson.results for lesson in lessons):
-        result_ranker = _result_ranker(lessons, generator, knowledge, recipes)
+    if lesson.results is not None:
+        result_ranker = _result_ranker(lesson.results, generator, knowledge, recipes)
         knowledge = knowledge.with_ranker(result_ranker, "results_")
     return knowledge.with_ranker(ranker)
 
 
 def _result_ranker(
-    lessons: Sequence[_Lesson],
+    examples: Examples,
     generator: torch.Generator,
     knowledge: RecipeKnowledge,
     recipes: Ids,
@@ -304,21 +294,15 @@ def _result_ranker(
     """Fit the ranker of results.
 
     Args:
-        lessons: the queries of each held-out fold, with the scores of the link rankers.
+        examples: queries for results, with the scores of the link rankers.
         generator: draws initial weights and the order of queries.
         knowledge: computes the features of known recipes.
         recipes: known recipes, ids (n, 3).
     """
-    parts = [
-        lesson.results
-        for lesson in lessons
-        if lesson.results is not None and len(lesson.results.competes)
-    ]
-    if not parts:
+    if not len(examples.competes):
         # By-goal folds of a tiny book: no candidate is ever right. As wide as other folds' rankers,
         # with which this one is stacked.
         return Ranker.empty(num_features(has_encoder=True), RESULTS.members * HIDDEN)
-    examples = _together(parts)
     return _knowing(fit_committee(examples, generator, RESULTS), examples, knowledge, recipes)
 
 
@@ -363,11 +347,28 @@ def _knowing(
     return ranker._replace(first=first)
 
 
+def _merged(lessons: Sequence[_Lesson]) -> _Lesson:
+    """Return copies of the queries of all lessons: each scorer adds the scores of its links."""
+    results = [lesson.results for lesson in lessons if lesson.results is not None]
+    result_links = [part.result_links for part in lessons if part.result_links is not None]
+    return _Lesson(
+        {
+            relation: _together([lesson.queries[relation] for lesson in lessons])
+            for relation in (COMBINES_WITH, COMPONENT_OF)
+        },
+        torch.cat([lesson.links for lesson in lessons]),
+        torch.cat([lesson.pair_links for lesson in lessons]),
+        _together([lesson.tables for lesson in lessons]),
+        _together(results) if results else None,
+        torch.cat(result_links) if result_links else None,
+    )
+
+
 def _add_link_scores(lesson: _Lesson, link_rankers: Mapping[int, Ranker]) -> None:
     """Write the scores of the link rankers into the features of a lesson's pairs.
 
     Args:
-        lesson: the queries of a fold; is written to.
+        lesson: the queries; is written to.
         link_rankers: by relation; none where there was nothing to learn from.
     """
     component = link_rankers.get(COMPONENT_OF)
@@ -438,7 +439,6 @@ def _lesson(
     lists: Lists,
     outside: LinkTables,
     encoder: PairEncoder | None,
-    left_out: LeftOut,
     held_out: int,
     seed: int,
     *,
@@ -448,30 +448,30 @@ def _lesson(
 
     Args:
         folds: folds of the train recipes.
-        lists: made without ``left_out`` and without ``held_out``.
+        lists: made without ``held_out``.
         outside: features of links that are the same in all folds.
-        encoder: pair encoder that has seen neither ``left_out`` nor ``held_out``; None without.
-        left_out: folds that the scorer has not seen; every pair in a recipe of the others is right.
+        encoder: pair encoder that has not seen ``held_out``; None without.
         held_out: the fold whose recipes are asked for.
         seed: seed of links and tables.
         is_own_encoder: whether the encoder is of the folds' recipes; then results are asked for,
             too.
     """
-    rng = np.random.default_rng([_seed_of(seed, left_out), held_out])
-    lessons = len(lesson_folds(folds, left_out))
+    rng = np.random.default_rng([_seed_of(seed, ()), held_out])
+    lessons = len(lesson_folds(folds, ()))
     # A single fold has as many queries as all together would have.
-    most = LINK_QUERIES * (folds.count - len(left_out)) // lessons
+    most = LINK_QUERIES * folds.count // lessons
     queries = {
-        relation: _link_examples(folds, lists, outside, left_out, held_out, relation, most, rng)
+        relation: _link_examples(folds, lists, outside, held_out, relation, most, rng)
         for relation in (COMBINES_WITH, COMPONENT_OF)
     }
     recipes = folds.recipes_of(held_out)
-    known_recipes = folds.recipes(left_out)
+    known_recipes = folds.recipes()
     # An equal share of the examples for each fold, rounded up.
     max_recipes = math.ceil(EXAMPLES / lessons)
     lesson_recipes = recipes[np.sort(rng.permutation(len(recipes))[:max_recipes])]
     tables, goals = drawn_tables(lesson_recipes, known_recipes, len(lists.norms), rng)
     links, examples = table_examples(lists, encoder, tables, goals, known_recipes)
+    examples = _thinned(examples, rng)
     # Empty slots have no row; their pairs do not compete.
     slots = torch.from_numpy(tables).clamp(min=0)
     from_outside = _outside(outside, COMPONENT_OF, slots, torch.from_numpy(goals)[:, None])
@@ -493,6 +493,22 @@ def _lesson(
         return lesson
     result_links, results = _result_queries(lists, encoder, recipes, known_recipes, rng)
     return lesson._replace(results=results, result_links=result_links)
+
+
+def _thinned(examples: Examples, rng: np.random.Generator) -> Examples:
+    """Return queries in which :data:`COMPETING` candidates compete: right ones, others at random.
+
+    Args:
+        examples: queries with P candidates.
+        rng: draws candidates.
+    """
+    order = torch.from_numpy(rng.random(examples.competes.shape))
+    # Right candidates come first, and those that do not compete last.
+    order[examples.is_right] = -1
+    order[~examples.competes] = 1
+    # The place of each candidate in this order.
+    places = order.argsort(1).argsort(1)
+    return examples._replace(competes=examples.competes & (places < COMPETING))
 
 
 def _result_queries(
@@ -541,7 +557,6 @@ def _link_examples(
     folds: Folds,
     lists: Lists,
     outside: LinkTables,
-    left_out: LeftOut,
     held_out: int,
     relation: int,
     queries: int,
@@ -551,22 +566,22 @@ def _link_examples(
 
     Args:
         folds: folds of the train recipes.
-        lists: made without ``left_out`` and without ``held_out``.
+        lists: made without ``held_out``.
         outside: features of links that are the same in all folds.
-        left_out: folds that the scorer has not seen; known links of the others do not compete.
         held_out: the fold whose links are asked for.
         relation: relation id.
         queries: most links on each side.
         rng: draws links and candidates.
     """
     size = folds.split.graph.num_entities
-    every = folds.triples(left_out)
+    every = folds.triples()
     fold_triples = recipe_triples(folds.recipes_of(held_out))
-    train_triples = folds.triples([*left_out, held_out])
+    train_triples = folds.triples([held_out])
     is_new = ~is_in(fold_triples, train_triples, size)
     new = fold_triples[is_new & (fold_triples[:, 1] == relation)]
     sampled_rows = rng.permutation(len(new))[:queries]
-    query_links = new[np.sort(sampled_rows)]
+    # Other candidates each time.
+    query_links = np.tile(new[np.sort(sampled_rows)], (LINK_DRAWS, 1))
     parts = []
     # combinesWith is symmetric, so head queries equal tail queries.
     asks_heads = (False,) if relation == COMBINES_WITH else (False, True)

@@ -312,7 +312,7 @@ def write_folds(
     folds: Folds,
     whole: Scorer,
     kind: str,
-    part: Callable[[int], Tensors],
+    part: Callable[[int], tuple[Tensors, Scorer]],
     *,
     workers: int = 1,
 ) -> FoldsRecord:
@@ -323,7 +323,8 @@ def write_folds(
         folds: the folds and the training recipes.
         whole: the scorer trained on all folds.
         kind: kind of the fold scorers, a key in :data:`SCORERS`.
-        part: returns, for a fold's number, the tensors of the model trained without this fold.
+        part: returns, for a fold's number, the tensors of the model trained without this fold,
+            and the scorer made from them.
         workers: threads that evaluate models beside each other.
     """
     graph = folds.split.graph
@@ -344,8 +345,7 @@ def write_folds(
     queries = [make_queries(number) for number in range(folds.count)]
 
     def evaluated(number: int) -> tuple[Tensors, float | None, HeldOut]:
-        own_tensors = part(number)
-        left_out = make_scorer(kind, own_tensors, graph.entities, graph.hash)
+        own_tensors, left_out = part(number)
         mrr = _mrr(left_out, queries[number], train_triples)
         return own_tensors, mrr, score_fold(left_out, folds, number)
 

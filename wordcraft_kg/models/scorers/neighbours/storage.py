@@ -217,6 +217,7 @@ class StoredKnowledge(nn.Module):
         near_words: Any,
         link_rankers: Mapping[int, Ranker] = MappingProxyType({}),
         encoder: PairEncoder | None = None,
+        lists: Lists | None = None,
     ) -> Self:
         """Return the knowledge of recipes for a single model without ranker.
 
@@ -226,6 +227,7 @@ class StoredKnowledge(nn.Module):
             near_words: neighbours by words, shape (E, K_w), int32, -1 at the end.
             link_rankers: by relation; scores are 0 without one.
             encoder: pair encoder of the same words; None without.
+            lists: the recipes' lists, if they are made; else they are made when needed.
         """
         pair_ranker = Ranker.empty(num_features(has_encoder=encoder is not None))
         rows = torch.from_numpy(recipes.astype(np.int32))
@@ -244,7 +246,10 @@ class StoredKnowledge(nn.Module):
         if encoder is not None:
             constants |= named_weights(encoder, "encoder_")
             constants |= named_weights(pair_ranker, "results_")
-        return cls(constants)
+        knowledge = cls(constants)
+        if lists is not None:
+            knowledge._lists[0] = lists
+        return knowledge
 
     @classmethod
     def stacked(cls, models: Sequence[Self]) -> Self:
@@ -273,8 +278,10 @@ class StoredKnowledge(nn.Module):
         return stack
 
     def with_tensors(self, tensors: dict[str, Tensor]) -> Self:
-        """Return a copy with some stored tensors replaced, by name."""
-        return type(self)(self.constants() | tensors)
+        """Return a copy with some stored tensors replaced, by name; lists that fit are shared."""
+        copy = type(self)(self.constants() | tensors)
+        copy.share_lists(self)
+        return copy
 
     def with_ranker(self, ranker: Ranker, prefix: str = "") -> Self:
         """Return a copy with a single ranker; only for a single model, M = 1.
@@ -367,10 +374,11 @@ class StoredKnowledge(nn.Module):
     def share_lists(self, other: "StoredKnowledge") -> None:
         """Take lists from ``other``, now and later, if it has the same recipes and words.
 
-        Sources of a restored policy would make and keep the same lists otherwise.
+        Copies, and sources of a restored policy, would make and keep the same lists otherwise.
         """
         names = ("vectors", "near_words", "recipes", "seen")
-        if all(torch.equal(getattr(self, name), getattr(other, name)) for name in names):
+        pairs = [(getattr(self, name), getattr(other, name)) for name in names]
+        if all(own is theirs or torch.equal(own, theirs) for own, theirs in pairs):
             self._lists = other._lists
 
     def ids(self, entities: Tensor) -> Ids:

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, get_args
 
+from torch import Tensor
+
 from wordcraft_kg.base import (
     NotRegisteredError,
     one_of,
@@ -25,15 +27,12 @@ from wordcraft_kg.models.recipes.recipe_config import RecipesConfig
 from wordcraft_kg.models.recipes.recipe_records import recipes_history
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
-from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.scorer_folder import (
     FOLD_OUTPUTS,
     MODEL,
     VOCABULARY,
     WEIGHTS,
-    Tensors,
     load_scorer,
-    make_scorer,
     stored,
     write_folds,
     write_scorer,
@@ -205,11 +204,10 @@ def save_scorer(
 def _write_folds(folder: Path, scorer: CrossFitted, kind: str, opened: OpenedGraph) -> None:
     scorer.check_split(opened.split)
 
-    def part(fold: int) -> tuple[Tensors, Scorer]:
+    def part(fold: int) -> dict[str, Tensor]:
         # Raises LeakError if the fold's scorer was trained on anything else.
         scorer.trained_on(fold, opened.graph)
-        tensors = stored(scorer.left_out(fold)).tensors()
-        return tensors, make_scorer(kind, tensors, scorer.entities, scorer.graph_hash)
+        return stored(scorer.left_out(fold)).tensors()
 
     # Folds with the recipes that the scorers were trained on, perhaps with wrong results.
     train_sample = scorer.train_sample(opened.graph)

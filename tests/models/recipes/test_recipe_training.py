@@ -79,10 +79,10 @@ def test_the_same_settings_give_the_same_bytes_with_one_thread_or_two(book, smal
 
 @compares_fits
 def test_an_interrupted_run_continues_to_the_same_bytes(book, small, monkeypatch):
-    # 3 sets of lists serve the first fit, 2 more the second, 1 more both others.
+    # 3 sets of lists serve all four fits.
     folder = small.parent / "interrupted"
     with pytest.raises(KeyboardInterrupt, match=r"part 1 is saved.*Repeat the command"):
-        train_recipes(RecipesConfig(str(book), SMALL), folder, progress=interrupt_after(4))
+        train_recipes(RecipesConfig(str(book), SMALL), folder, progress=interrupt_after(3))
     made = recorded(monkeypatch, recipe_training, "fit_recipe_scorers")
     resume(folder)
     assert made == [(0,), (1,), (2,)]

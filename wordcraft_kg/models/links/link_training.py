@@ -73,10 +73,8 @@ from wordcraft_kg.models.links.pykeen_bridge import (
 )
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 from wordcraft_kg.models.scorers.score_limits import TABLE_LIMIT, table_bytes
-from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.scorer_folder import (
     FOLD_OUTPUTS,
-    Tensors,
     make_scorer,
     write_folds,
     write_scorer,
@@ -337,12 +335,9 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             # ones.
             self._train_folds(run, self.folds, sum(row.seconds for row in trace), report)
             models = fold_models(run.path)
-
-            def part(fold: int) -> tuple[Tensors, Scorer]:
-                own_tensors = models.read(fold).tensors
-                return own_tensors, make_scorer(kind, own_tensors, graph.entities, graph.hash)
-
-            record = write_folds(run.path, self.folds, scorer, kind, part)
+            record = write_folds(
+                run.path, self.folds, scorer, kind, lambda fold: models.read(fold).tensors
+            )
         files = RunFiles(run.path, run.record)
         metrics = LinkMetrics(
             kg=settings.kg,

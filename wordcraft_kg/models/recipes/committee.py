@@ -205,8 +205,9 @@ def _moments(examples: Examples) -> tuple[Tensor, Tensor]:
     by_feature = competing.T.contiguous()
     mean = by_feature.mean(1)
     # A norm takes half the time of `std`.
-    norm = torch.linalg.vector_norm(by_feature - mean[:, None], dim=1)
-    deviation = norm / math.sqrt(max(len(competing) - 1, 1))
+    deviation = torch.linalg.vector_norm(by_feature - mean[:, None], dim=1) / math.sqrt(
+        max(len(competing) - 1, 1)
+    )
     span = by_feature.amax(1) - by_feature.amin(1)
     # A rare feature may differ in so few pairs that its deviation is rounding: its span serves.
     scale = torch.where(deviation > _SMALL, deviation, span)

@@ -2,23 +2,20 @@
 
 Rankers are small networks. They learn from recipes of held-out folds, whose features come from the
 remaining folds, and so learn how far features can be trusted. The final scorer applies the rankers
-to features from all recipes (Wolpert 1992; van der Laan, Polley and Hubbard 2007). For
-cross-fitting, a scorer without a fold is fitted in the same way on the remaining folds.
+to features from all recipes (Wolpert 1992; van der Laan, Polley and Hubbard 2007).
 
-The ranker without fold i learns from fold j by lists without folds i and j; so does the ranker
-without fold j from fold i. These lists are made once, and 1 + K + K (K - 1) / 2 sets of lists serve
-K + 1 scorers.
+Cross-fitting asks for as little: K sets of lists, each without a fold, and 1 more serve K + 1
+scorers. The scorer without fold k has the lists without fold k, and its rankers learn from the
+queries of all other folds, those of the main model. In these, recipes of fold k count as known, but
+no query asks for one; see "The cure" in docs/explanation/cross-fitting.md.
 
-On large books, which have a pair encoder, whose fit costs more than all else, a scorer's rankers
-learn from one fold: a large book has recipes enough in it. Folds are taken in twos, which learn
-from each other, so that lists and encoders without both serve both, see :func:`lesson_folds`. An
-encoder of other books is one for all folds.
+On large books, which have a pair encoder, whose fit costs more than all else, rankers learn from
+one fold: a large book has recipes enough in it. An encoder of other books is one for all folds.
 """
 
 import math
-from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from itertools import chain
 from types import MappingProxyType
 from typing import NamedTuple
@@ -67,8 +64,7 @@ by goal, .770, .771 and .773 by recipe.
 ONE_LESSON_FROM = 20_000
 """Training recipes from which a scorer's rankers learn from a single held-out fold.
 
-It has as many examples as all folds together, and five folds need nine sets of lists instead of 16.
-A pair encoder needs as many recipes.
+It has as many examples as all folds together. A pair encoder needs as many recipes.
 """
 DRAWS = (2, 4)
 """Fewest and most tables of each size for a held-out recipe, with different distractors.
@@ -96,7 +92,7 @@ neither batches of 128 nor half the step size gain."""
 _TOGETHER = 256
 """Tables whose pairs are encoded at once."""
 LeftOut = tuple[int, ...]
-"""Folds that a scorer has not seen: none, or one; lists and encoders may leave out two."""
+"""Folds that a scorer has not seen: none, or one."""
 
 
 def fit_recipe_scorers(
@@ -130,47 +126,43 @@ def fit_recipe_scorers(
     Yields:
         an entry of ``wanted``, and the knowledge fitted without these folds.
     """
-    has_own_encoders = bool(encoders)
-    # By the fold held out.
-    lessons: dict[int, _Lesson] = {}
-    lists_without: dict[LeftOut, Lists] = {}
-
-    def encoder_without(left_out: LeftOut) -> PairEncoder | None:
-        return encoders.get(left_out, outside.encoder)
+    turns = all_lesson_folds(folds, wanted)
 
     def make_lesson(held_out: int) -> _Lesson:
-        lists = words.lists(folds.recipes([held_out]))
-        # Those of a large book take hundreds of megabytes, and few of its folds have lessons.
-        if len(words.vectors) <= SMALL:
-            lists_without[(held_out,)] = lists
-        encoder = encoder_without((held_out,))
         return _lesson(
-            folds, lists, outside, encoder, held_out, seed, is_own_encoder=has_own_encoders
+            folds,
+            words.lists(folds.recipes([held_out])),
+            outside,
+            encoders.get((held_out,), outside.encoder),
+            held_out,
+            seed,
+            is_own_encoder=bool(encoders),
         )
 
     pool = ThreadPoolExecutor(workers)
-    # Rankers are fitted beside each other, and beside the lists of the next ones.
-    fits: deque[tuple[LeftOut, Future[RecipeKnowledge]]] = deque()
     try:
-        for number, left_out in enumerate(wanted, 1):
-            turns = lesson_folds(folds, left_out)
-            new = [turn for turn in turns if turn not in lessons]
-            for turn, lesson in zip(new, pool.map(make_lesson, new), strict=True):
-                lessons[turn] = lesson
-                after()
-            turn_lessons = [lessons[turn] for turn in turns]
-            encoder = encoder_without(left_out)
-            lists = lists_without.get(left_out)
-            fit = pool.submit(
-                _fitted, folds, words, outside, encoder, left_out, turn_lessons, lists, seed
+        # By the fold held out.
+        lessons: dict[int, _Lesson] = {}
+        for turn, lesson in zip(turns, pool.map(make_lesson, turns), strict=True):
+            lessons[turn] = lesson
+            after()
+
+        def fit(left_out: LeftOut) -> RecipeKnowledge:
+            return _fitted(
+                folds,
+                words,
+                outside,
+                encoders.get(left_out, outside.encoder),
+                left_out,
+                [lessons[turn] for turn in lesson_folds(folds, left_out)],
+                # Those of the scorer itself served a lesson, too, if its fold had one.
+                next((lessons[fold].lists for fold in left_out if fold in lessons), None),
+                seed,
             )
-            fits.append((left_out, fit))
-            # More waiting fits would only keep what they learn from in memory.
-            num_waiting = workers - 1 if number < len(wanted) else 0
-            while len(fits) > num_waiting:
-                fold_set, first_fit = fits.popleft()
-                yield fold_set, first_fit.result()
-                after()
+
+        for left_out, knowledge in zip(wanted, pool.map(fit, wanted), strict=True):
+            yield left_out, knowledge
+            after()
     finally:
         # After Ctrl-C, what is not begun is never made.
         pool.shutdown(cancel_futures=True)
@@ -184,33 +176,35 @@ def lesson_folds(folds: Folds, left_out: LeftOut) -> list[int]:
         left_out: folds that the scorer has not seen.
     """
     remaining_folds = [fold for fold in range(folds.count) if fold not in left_out]
-    if np.count_nonzero(folds.train_sample.is_trained_on) < ONE_LESSON_FROM:
-        return remaining_folds
-    return remaining_folds[:1]
+    is_large = np.count_nonzero(folds.train_sample.is_trained_on) >= ONE_LESSON_FROM
+    return remaining_folds[: 1 if is_large else None]
 
 
-def lists_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LeftOut]:
-    """Return the folds that sets of lists must not have seen, an entry for each set.
+def all_lesson_folds(folds: Folds, wanted: Sequence[LeftOut]) -> list[int]:
+    """Return the folds from which the rankers of any of these scorers learn, each once.
+
+    Each needs a set of lists without the fold.
 
     Args:
         folds: folds of the train recipes.
         wanted: the folds that scorers leave out, in the order of their fits.
     """
     turns = chain.from_iterable(lesson_folds(folds, left_out) for left_out in wanted)
-    return [(turn,) for turn in dict.fromkeys(turns)]
+    return list(dict.fromkeys(turns))
 
 
 def encoders_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LeftOut]:
     """Return the folds that pair encoders must not have seen, an entry for each encoder.
 
     A scorer needs two: one that has seen all that the scorer may see, and one without the fold from
-    which the rankers learn. Five folds and the main model need nine.
+    which the rankers learn; that is another scorer's. Five folds and the main model need six.
 
     Args:
         folds: folds of the train recipes.
         wanted: the folds that scorers leave out, in the order of their fits.
     """
-    return list(dict.fromkeys([*wanted, *lists_of(folds, wanted)]))
+    without_lessons = [(turn,) for turn in all_lesson_folds(folds, wanted)]
+    return list(dict.fromkeys([*wanted, *without_lessons]))
 
 
 class _Lesson(NamedTuple):
@@ -225,6 +219,8 @@ class _Lesson(NamedTuple):
             first.
         results: queries for results of pairs, likewise; None without an encoder of the own recipes.
         result_links: as ``links``, of these queries: a table of two slots for each candidate.
+        lists: those without the fold; None in a large book, where they take hundreds of megabytes,
+            and few folds have lessons.
     """
 
     queries: Mapping[int, Examples]
@@ -233,6 +229,7 @@ class _Lesson(NamedTuple):
     tables: Examples
     results: Examples | None = None
     result_links: Tensor | None = None
+    lists: Lists | None = None
 
 
 def _fitted(
@@ -264,8 +261,7 @@ def _fitted(
         if len(queries.features):
             link_rankers[relation] = fit_committee(queries, generator, LINKS)
     _add_link_scores(lesson, link_rankers)
-    examples = lesson.tables
-    ranker = fit_committee(examples, generator)
+    ranker = fit_committee(lesson.tables, generator)
     recipes = folds.recipes(left_out)
     if outside.pairs or outside.parts:
         knowledge = _with_tables(words, recipes, outside, link_rankers, encoder)
@@ -278,7 +274,7 @@ def _fitted(
             encoder,
             lists,
         )
-    ranker = _knowing(ranker, examples, knowledge, recipes)
+    ranker = _knowing(ranker, lesson.tables, knowledge, recipes)
     if lesson.results is not None:
         result_ranker = _result_ranker(lesson.results, generator, knowledge, recipes)
         knowledge = knowledge.with_ranker(result_ranker, "results_")
@@ -488,6 +484,7 @@ def _lesson(
         torch.cat([links, from_outside], dim=-1),
         pair_links,
         examples,
+        lists=lists if len(lists.norms) <= SMALL else None,
     )
     if encoder is None or not is_own_encoder:
         return lesson
@@ -504,8 +501,7 @@ def _thinned(examples: Examples, rng: np.random.Generator) -> Examples:
     """
     order = torch.from_numpy(rng.random(examples.competes.shape))
     # Right candidates come first, and those that do not compete last.
-    order[examples.is_right] = -1
-    order[~examples.competes] = 1
+    order = order.masked_fill(examples.is_right, -1).masked_fill(~examples.competes, 1)
     # The place of each candidate in this order.
     places = order.argsort(1).argsort(1)
     return examples._replace(competes=examples.competes & (places < COMPETING))

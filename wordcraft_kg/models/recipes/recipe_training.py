@@ -46,9 +46,9 @@ from wordcraft_kg.models.knowledge.outside import LinkTables, is_book, join_book
 from wordcraft_kg.models.recipes.encoder_fitting import fit_encoder, fit_encoders
 from wordcraft_kg.models.recipes.fitting import (
     LeftOut,
+    all_lesson_folds,
     encoders_of,
     fit_recipe_scorers,
-    lists_of,
 )
 from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.recipe_records import (
@@ -321,7 +321,7 @@ class RecipesTraining(FitsTraining):
         self, run: RunFolder[Record], report: Progress | None
     ) -> TrainedRecipes:
         began = time.perf_counter()
-        num_lists = len(lists_of(self.folds, self.every))
+        num_lists = len(all_lesson_folds(self.folds, self.every))
         total = num_lists + len(self.encoders) + len(self.every)
         after = counter(run, report, total)
         words = Words.of(self.features)
@@ -459,12 +459,13 @@ class RecipesTraining(FitsTraining):
             # Tensors that are the same in all fits are saved with the main model alone.
             shared = {name: tensors[name] for name in RecipeScorer.shared}
 
-            def part(fold: int) -> tuple[dict[str, Tensor], RecipeScorer]:
-                fold_tensors = shared | run.checkpoints.read(self._number_of((fold,))).tensors
-                scorer = RecipeScorer(fold_tensors, graph.entities, graph.hash)
-                if (fold,) in made:
-                    scorer.knowledge.share_lists(made[(fold,)])
-                return fold_tensors, scorer
+            def part(fold: int) -> dict[str, Tensor]:
+                return shared | run.checkpoints.read(self._number_of((fold,))).tensors
+
+            def restored(fold: int, tensors: Mapping[str, Tensor]) -> RecipeScorer:
+                scorer = RecipeScorer(tensors, graph.entities, graph.hash)
+                scorer.knowledge.share_lists(made.get((fold,), scorer.knowledge))
+                return scorer
 
             main = RecipeScorer(tensors, graph.entities, graph.hash)
             record = write_folds(
@@ -473,6 +474,7 @@ class RecipesTraining(FitsTraining):
                 main,
                 RecipeScorer.kind,
                 part,
+                restored=restored,
                 workers=self.workers,
             )
         # Scores of link prediction are measured only where there are models without each fold.

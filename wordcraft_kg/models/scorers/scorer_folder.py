@@ -312,8 +312,9 @@ def write_folds(
     folds: Folds,
     whole: Scorer,
     kind: str,
-    part: Callable[[int], tuple[Tensors, Scorer]],
+    part: Callable[[int], Tensors],
     *,
+    restored: Callable[[int, Tensors], Scorer] | None = None,
     workers: int = 1,
 ) -> FoldsRecord:
     """Write the models trained without each fold, and return the fold record.
@@ -323,8 +324,8 @@ def write_folds(
         folds: the folds and the training recipes.
         whole: the scorer trained on all folds.
         kind: kind of the fold scorers, a key in :data:`SCORERS`.
-        part: returns, for a fold's number, the tensors of the model trained without this fold,
-            and the scorer made from them.
+        part: returns, for a fold's number, the tensors of the model trained without this fold.
+        restored: makes a fold's scorer from its number and tensors, if more than they is at hand.
         workers: threads that evaluate models beside each other.
     """
     graph = folds.split.graph
@@ -345,7 +346,12 @@ def write_folds(
     queries = [make_queries(number) for number in range(folds.count)]
 
     def evaluated(number: int) -> tuple[Tensors, float | None, HeldOut]:
-        own_tensors, left_out = part(number)
+        own_tensors = part(number)
+        left_out = (
+            restored(number, own_tensors)
+            if restored
+            else make_scorer(kind, own_tensors, graph.entities, graph.hash)
+        )
         mrr = _mrr(left_out, queries[number], train_triples)
         return own_tensors, mrr, score_fold(left_out, folds, number)
 

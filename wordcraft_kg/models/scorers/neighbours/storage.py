@@ -377,8 +377,7 @@ class StoredKnowledge(nn.Module):
         Copies, and sources of a restored policy, would make and keep the same lists otherwise.
         """
         names = ("vectors", "near_words", "recipes", "seen")
-        pairs = [(getattr(self, name), getattr(other, name)) for name in names]
-        if all(own is theirs or torch.equal(own, theirs) for own, theirs in pairs):
+        if all(torch.equal(getattr(self, name), getattr(other, name)) for name in names):
             self._lists = other._lists
 
     def ids(self, entities: Tensor) -> Ids:

@@ -40,8 +40,8 @@ class Schedule(NamedTuple):
 TABLES = Schedule(members=3, batch=256, epochs=6, rate=1e-2, steps=60)
 """For tables: four networks are no better, nor are 10 epochs, with several draws of distractors
 for each recipe; half and twice the step size give the same success within .005."""
-LINKS = Schedule(members=1, batch=128, epochs=5, rate=1e-2, steps=60)
-"""For links: three networks, 8 epochs or batches of 64 are no better."""
+LINKS = Schedule(members=1, batch=64, epochs=5, rate=1e-2, steps=60)
+"""For links: three networks, 10 epochs or smaller batches are no better."""
 WEIGHT_DECAY = 1e-4
 _SMALL = 1e-6
 """Deviations and spans up to this number are rounding."""
@@ -203,16 +203,12 @@ def _moments(examples: Examples) -> tuple[Tensor, Tensor]:
     # A row for each feature: along its numbers, sums and extremes take half of the time.
     competing = examples.features[examples.competes]
     by_feature = competing.T.contiguous()
-    mean = by_feature.mean(1)
-    # A norm takes half the time of `std`.
-    deviation = torch.linalg.vector_norm(by_feature - mean[:, None], dim=1) / math.sqrt(
-        max(len(competing) - 1, 1)
-    )
+    deviation = by_feature.std(1)
     span = by_feature.amax(1) - by_feature.amin(1)
     # A rare feature may differ in so few pairs that its deviation is rounding: its span serves.
     scale = torch.where(deviation > _SMALL, deviation, span)
     is_constant = span <= _SMALL
-    return mean, scale.masked_fill(is_constant, torch.inf)
+    return by_feature.mean(1), scale.masked_fill(is_constant, torch.inf)
 
 
 def _drawn(*shape: int, fan: int, generator: torch.Generator) -> Tensor:

@@ -76,12 +76,8 @@ Craft and .002 on `everyday`.
 LINK_QUERIES = 1_000
 """Most links of a held-out fold that are asked for on each side, if rankers learn from all folds;
 300 cost .01 of the MRR."""
-LINK_DRAWS = 2
-"""Times that a link is asked for, each with other candidates."""
 CANDIDATES = 64
 """Entities that compete for a link; 256 gain nothing."""
-COMPETING = 24
-"""Most pairs of a table from which a ranker learns: the right ones, and others at random."""
 KNOWN = 10_000
 """Most known recipes whose scores are lifted if held-out goals have none."""
 RESULT_QUERIES = 2_000
@@ -467,7 +463,6 @@ def _lesson(
     lesson_recipes = recipes[np.sort(rng.permutation(len(recipes))[:max_recipes])]
     tables, goals = drawn_tables(lesson_recipes, known_recipes, len(lists.norms), rng)
     links, examples = table_examples(lists, encoder, tables, goals, known_recipes)
-    examples = _thinned(examples, rng)
     # Empty slots have no row; their pairs do not compete.
     slots = torch.from_numpy(tables).clamp(min=0)
     from_outside = _outside(outside, COMPONENT_OF, slots, torch.from_numpy(goals)[:, None])
@@ -490,21 +485,6 @@ def _lesson(
         return lesson
     result_links, results = _result_queries(lists, encoder, recipes, known_recipes, rng)
     return lesson._replace(results=results, result_links=result_links)
-
-
-def _thinned(examples: Examples, rng: np.random.Generator) -> Examples:
-    """Return queries in which :data:`COMPETING` candidates compete: right ones, others at random.
-
-    Args:
-        examples: queries with P candidates.
-        rng: draws candidates.
-    """
-    order = torch.from_numpy(rng.random(examples.competes.shape))
-    # Right candidates come first, and those that do not compete last.
-    order = order.masked_fill(examples.is_right, -1).masked_fill(~examples.competes, 1)
-    # The place of each candidate in this order.
-    places = order.argsort(1).argsort(1)
-    return examples._replace(competes=examples.competes & (places < COMPETING))
 
 
 def _result_queries(
@@ -576,8 +556,7 @@ def _link_examples(
     is_new = ~is_in(fold_triples, train_triples, size)
     new = fold_triples[is_new & (fold_triples[:, 1] == relation)]
     sampled_rows = rng.permutation(len(new))[:queries]
-    # Other candidates each time.
-    query_links = np.tile(new[np.sort(sampled_rows)], (LINK_DRAWS, 1))
+    query_links = new[np.sort(sampled_rows)]
     parts = []
     # combinesWith is symmetric, so head queries equal tail queries.
     asks_heads = (False,) if relation == COMBINES_WITH else (False, True)

@@ -7,7 +7,7 @@ to features from all recipes (Wolpert 1992; van der Laan, Polley and Hubbard 200
 Cross-fitting asks for as little: K sets of lists, each without a fold, and 1 more serve K + 1
 scorers. The scorer without fold k has the lists without fold k, and its rankers learn from the
 queries of all other folds, those of the main model. In these, recipes of fold k count as known, but
-no query asks for one; see "The cure" in docs/explanation/cross-fitting.md.
+no query asks for one; see "A scorer in two steps" in docs/explanation/cross-fitting.md.
 
 On large books, which have a pair encoder, whose fit costs more than all else, rankers learn from
 one fold: a large book has recipes enough in it. An encoder of other books is one for all folds.

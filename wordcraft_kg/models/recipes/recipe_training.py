@@ -46,9 +46,9 @@ from wordcraft_kg.models.knowledge.outside import LinkTables, is_book, join_book
 from wordcraft_kg.models.recipes.encoder_fitting import fit_encoder, fit_encoders
 from wordcraft_kg.models.recipes.fitting import (
     LeftOut,
-    all_lesson_folds,
     encoders_of,
     fit_recipe_scorers,
+    lessons_of,
 )
 from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.recipe_records import (
@@ -321,7 +321,7 @@ class RecipesTraining(FitsTraining):
         self, run: RunFolder[Record], report: Progress | None
     ) -> TrainedRecipes:
         began = time.perf_counter()
-        num_lists = len(all_lesson_folds(self.folds, self.every))
+        num_lists = len(lessons_of(self.folds, self.every))
         total = num_lists + len(self.encoders) + len(self.every)
         after = counter(run, report, total)
         words = Words.of(self.features)

@@ -110,7 +110,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     torch.set_num_threads(1)
-    # As if every book were large: else both models are the same in a small one.
+    # Otherwise both models of a small book would be the same.
     fitting.STRICT = 0
     results = []
     for book in options.books:

@@ -76,7 +76,7 @@ class RunConfig:
             f"{key} = {json.dumps(value, ensure_ascii=False)}\n"
             for key, value in moved(self.values(), relative).items()
         ]
-        # But for DEL, which TOML wants escaped.
+        # TOML forbids a bare DEL, which JSON leaves as it is.
         text = "".join([f"[{self.command}]\n", *lines]).replace("\x7f", "\\u007f")
         path = folder / CONFIG_FILE
         # A resumed run whose inputs lie where they lay keeps its file and the file's hash.

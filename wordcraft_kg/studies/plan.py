@@ -126,8 +126,8 @@ SCORER_VERSIONS = {RecipeScorerConfig.command: 9}
 2: recipe scorers compute features by neighbour lists, before by tables of all pairs. 4: gradients
 of rankers are rounded in another order, which changes the third digit of success. 5: scores are
 rounded in another order, so that an agent's seed may learn something else. 6 to 8: rankers
-have other features. 9: models without a fold learn from queries of the main model, which is that of
-8 to the bit.
+have other features. 9: beyond 2,000 train recipes, models of folds learn from queries
+of the main model, which is that of 8 to the bit.
 """
 NOISE_VERSION = 2
 """Version of wrong results, where a scorer learns from some: wrong by train recipes alone."""

@@ -164,6 +164,20 @@ def test_no_held_out_result_changes_a_feature_from_which_rankers_learn():
     assert torch.equal(queries.competes, replaced_queries.competes)
 
 
+def test_a_fold_without_right_candidates_gives_an_empty_ranker_of_results():
+    folds = make_folds(make_split(random_graph(3, 12, 60), SplitConfig()), 3)
+    words = words_of(np.random.default_rng(0).normal(size=(12, 5)))
+    vectors = torch.from_numpy(words.vectors).float()
+    ((_, encoder),) = fit_encoders(folds, vectors, [(0,)])
+    lists = words.lists(folds.recipes([0]))
+    nothing = np.zeros((0, 3), dtype=np.int64)
+    rng = np.random.default_rng(0)
+    _, queries = fitting._result_queries(lists, encoder, folds.recipes_of(0), nothing, rng)
+    assert len(queries.competes) == 0
+    ranker = fitting._result_ranker(queries, torch.Generator(), None, folds.recipes())
+    assert not ranker.second.any()
+
+
 def test_a_known_recipe_is_the_first_result_of_its_pair():
     """Where each pair makes one thing, no held-out pair teaches what a known result looks like."""
     rows = random_graph(4, 12, 60).recipes

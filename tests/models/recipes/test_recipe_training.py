@@ -81,10 +81,10 @@ def test_the_same_settings_give_the_same_bytes_with_one_thread_or_two(book, smal
 
 @compares_fits
 def test_an_interrupted_run_continues_to_the_same_bytes(book, small, monkeypatch):
-    # 3 sets of lists for the main model, 2 for each fold, then a fit.
+    # 3 sets of lists serve the first fit, 2 more the second, 1 more both others.
     folder = small.parent / "interrupted"
     with pytest.raises(KeyboardInterrupt, match=r"part 1 is saved.*Repeat the command"):
-        train_recipes(RecipesConfig(str(book), SMALL), folder, progress=interrupt_after(9))
+        train_recipes(RecipesConfig(str(book), SMALL), folder, progress=interrupt_after(4))
     made = recorded(monkeypatch, recipe_training, "fit_recipe_scorers")
     resume(folder)
     assert made == [(0,), (1,), (2,)]
@@ -106,6 +106,25 @@ def test_a_training_makes_the_lists_of_each_set_of_recipes_once(
     train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "model")
     # Those of all train recipes, and of those without each of three folds.
     assert len(made) == len({*made}) == 4
+    monkeypatch.setattr(fitting, "STRICT", 2_000)
+    made.clear()
+    train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "strict")
+    # And of those without each two folds.
+    assert len(made) == len({*made}) == 7
+
+
+def test_an_interrupted_run_of_a_larger_book_continues_to_the_same_bytes(
+    book, only_compared, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(fitting, "STRICT", 0)
+    config = RecipesConfig(str(book), SMALL)
+    whole = train_recipes(config, tmp_path / "whole").folder
+    for parts in (4, 6):
+        folder = tmp_path / f"interrupted {parts}"
+        with pytest.raises(KeyboardInterrupt):
+            train_recipes(config, folder, progress=interrupt_after(parts))
+        resume(folder)
+        assert same_files(folder, whole, "calibration.json")
 
 
 def test_the_folder_has_words_once_and_a_scorer_for_each_fold(small, book):

@@ -5,18 +5,19 @@ remaining folds, and so learn how far features can be trusted. The final scorer 
 to features from all recipes (Wolpert 1992; van der Laan, Polley and Hubbard 2007).
 
 For cross-fitting there is a scorer without each fold. It knows the recipes of the other folds, and
-its rankers learn from queries about these. Up to :data:`STRICT` train recipes, the features of the
-queries do not count the fold's recipes either: K² + 1 sets of lists serve K + 1 scorers. In larger
-books the queries are those of the main model, and K + 1 sets serve all; see "A scorer in two steps"
-in docs/explanation/cross-fitting.md.
+its rankers learn from queries about these. Up to :data:`STRICT` train recipes, nothing of the fold
+is in the queries: 1 + K + K (K - 1) / 2 sets of lists serve K + 1 scorers. In larger books the
+queries are those of the main model, whose features and right answers count the fold's recipes as
+known, and K + 1 sets serve all; see "A scorer in two steps" in docs/explanation/cross-fitting.md.
 
 On large books, which have a pair encoder, whose fit costs more than all else, rankers learn from
 one fold: a large book has recipes enough in it. An encoder of other books is one for all folds.
 """
 
 import math
+from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -56,7 +57,7 @@ from wordcraft_kg.models.scorers.ranker import Ranker
 TABLES = (8, 2)
 """Distractors (entities outside the recipe) on each of the tables for a held-out recipe."""
 EXAMPLES = 4_000
-"""Most held-out recipes from which a ranker learns, over all folds.
+"""Most held-out recipes from which a ranker of the main model learns, over all folds.
 
 On validation parts of `everyday`, splits 0 to 2, 3,000, 4,000 and 6,000 solve .571, .574 and .573
 by goal, .770, .771 and .773 by recipe.
@@ -67,10 +68,10 @@ ONE_LESSON_FROM = 20_000
 It has as many examples as all folds together. A pair encoder needs as many recipes.
 """
 STRICT = 2_000
-"""Most train recipes of a book in which rankers without a fold learn nothing of it at all.
+"""Most train recipes with which the rankers of a scorer without a fold learn nothing of this fold.
 
 In larger books, whose lists cost more, they learn from queries that count its recipes as known. On
-`kitchen`, of 260, that raises success on the fold by goal, not on test tasks; see
+`kitchen`, of 260, that would raise success on the fold, by goal, and not on test tasks; see
 docs/evidence/links.md, "Do models without a fold know of it?".
 """
 DRAWS = (2, 4)
@@ -95,7 +96,7 @@ neither batches of 128 nor half the step size gain."""
 _TOGETHER = 256
 """Tables whose pairs are encoded at once."""
 LeftOut = tuple[int, ...]
-"""Folds that a scorer has not seen: none, or one."""
+"""Folds whose recipes a scorer does not know: none, or one."""
 LessonKey = tuple[LeftOut, int]
 """Folds that queries do not count as known, and the fold that they ask for."""
 
@@ -131,46 +132,57 @@ def fit_recipe_scorers(
     Yields:
         an entry of ``wanted``, and the knowledge fitted without these folds.
     """
-    needed = lessons_of(folds, wanted)
+    needed = {*lessons_of(folds, wanted)}
+    lessons: dict[LessonKey, _Lesson] = {}
 
-    def make_lesson(unknown: LeftOut, held_out: int) -> _Lesson:
-        return _lesson(
-            folds,
-            words.lists(folds.recipes([*unknown, held_out])),
-            outside,
-            encoders.get((held_out,), outside.encoder),
-            unknown,
-            held_out,
-            seed,
-            is_own_encoder=bool(encoders),
-        )
+    def make_lessons(key: LessonKey) -> dict[LessonKey, _Lesson]:
+        unknown, held_out = key
+        lists = words.lists(folds.recipes([*unknown, held_out]))
+        # The same lists serve the fold that is unknown, in the other's turn.
+        turned = [((held_out,), fold) for fold in unknown]
+        return {
+            (left_out, fold): _lesson(
+                folds,
+                lists,
+                outside,
+                encoders.get((held_out,), outside.encoder),
+                left_out,
+                fold,
+                seed,
+                is_own_encoder=bool(encoders),
+            )
+            for left_out, fold in needed.intersection([key, *turned])
+        }
 
     pool = ThreadPoolExecutor(workers)
+    # Rankers are fitted beside each other, and beside the lists of the next ones.
+    fits: deque[tuple[LeftOut, Future[RecipeKnowledge]]] = deque()
     try:
-        lessons: dict[LessonKey, _Lesson] = {}
-        for key, lesson in zip(
-            needed, pool.map(make_lesson, *zip(*needed, strict=True)), strict=True
-        ):
-            lessons[key] = lesson
-            after()
-
-        def fit(left_out: LeftOut) -> RecipeKnowledge:
-            own_lists = [lessons[(), fold].lists for fold in left_out if ((), fold) in lessons]
-            return _fitted(
+        for number, left_out in enumerate(wanted, 1):
+            keys = lessons_of(folds, [left_out])
+            for new_lessons in pool.map(make_lessons, [key for key in keys if key not in lessons]):
+                lessons |= new_lessons
+                after()
+            fit = pool.submit(
+                _fitted,
                 folds,
                 words,
                 outside,
                 encoders.get(left_out, outside.encoder),
                 left_out,
-                [lessons[key] for key in lessons_of(folds, [left_out])],
-                # The lists of a lesson of the main model are those of the scorer without its fold.
-                own_lists[0] if own_lists else None,
+                [lessons[key] for key in keys],
+                # A lesson of the main model has the lists of the scorer without its fold.
+                next((lessons[(), fold].lists for fold in left_out if ((), fold) in lessons), None),
                 seed,
             )
-
-        for left_out, knowledge in zip(wanted, pool.map(fit, wanted), strict=True):
-            yield left_out, knowledge
-            after()
+            fits.append((left_out, fit))
+            # Lessons of the main model serve other scorers, too.
+            lessons = {key: lessons[key] for key in lessons if not key[0] or key not in keys}
+            # More waiting fits would only keep what they learn from in memory.
+            while len(fits) > (workers - 1 if number < len(wanted) else 0):
+                fold_set, first_fit = fits.popleft()
+                yield fold_set, first_fit.result()
+                after()
     finally:
         # After Ctrl-C, what is not begun is never made.
         pool.shutdown(cancel_futures=True)
@@ -212,14 +224,14 @@ def encoders_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LeftOut]:
     """Return the folds that pair encoders must not have seen, an entry for each encoder.
 
     A scorer needs two: one that has seen all that the scorer may see, and one without the fold from
-    which the rankers learn; that is another scorer's. Five folds and the main model need six.
+    which the rankers learn. Five folds and the main model need six.
 
     Args:
         folds: folds of the train recipes.
         wanted: the folds that scorers leave out, in the order of their fits.
     """
-    without_lessons = [(held_out,) for _, held_out in lessons_of(folds, wanted)]
-    return list(dict.fromkeys([*wanted, *without_lessons]))
+    lessons = lessons_of(folds, wanted)
+    return list(dict.fromkeys([*wanted, *((held_out,) for _, held_out in lessons)]))
 
 
 class _Lesson(NamedTuple):
@@ -234,8 +246,9 @@ class _Lesson(NamedTuple):
             first.
         results: queries for results of pairs, likewise; None without an encoder of the own recipes.
         result_links: as ``links``, of these queries: a table of two slots for each candidate.
-        lists: those without the fold; None in a large book, where they take hundreds of megabytes,
-            and few folds have lessons.
+        lists: those without the fold, which are those of the scorer without it, too; None of more
+            than :data:`SMALL` entities, where they take hundreds of megabytes, and in lessons that
+            leave out another fold.
     """
 
     queries: Mapping[int, Examples]
@@ -266,7 +279,7 @@ def _fitted(
         encoder: pair encoder that has seen what the scorer has seen; None without.
         left_out: folds that the scorer has not seen.
         lessons: the queries of each held-out fold.
-        lists: those of the scorer, if a lesson needed them, too.
+        lists: those of the scorer, if a lesson has them; else None.
         seed: seed of the initial weights and the order of queries.
     """
     generator = torch.Generator().manual_seed(_seed_of(seed, left_out))
@@ -279,7 +292,7 @@ def _fitted(
     ranker = fit_committee(lesson.tables, generator)
     recipes = folds.recipes(left_out)
     if outside.pairs or outside.parts:
-        knowledge = _with_tables(words, recipes, outside, link_rankers, encoder)
+        knowledge = _with_tables(words, recipes, outside, link_rankers, encoder, lists)
     else:
         knowledge = RecipeKnowledge.of_recipes(
             recipes,
@@ -293,7 +306,11 @@ def _fitted(
     if lesson.results is not None:
         result_ranker = _result_ranker(lesson.results, generator, knowledge, recipes)
         knowledge = knowledge.with_ranker(result_ranker, "results_")
-    return knowledge.with_ranker(ranker)
+    scorer = knowledge.with_ranker(ranker)
+    # Known recipes may have needed lists; those of a large book are made again when needed.
+    if knowledge.num_entities <= SMALL:
+        scorer.share_lists(knowledge)
+    return scorer
 
 
 def _result_ranker(
@@ -405,6 +422,7 @@ def _with_tables(
     outside: LinkTables,
     link_rankers: Mapping[int, Ranker],
     encoder: PairEncoder | None,
+    own_lists: Lists | None,
 ) -> RecipeKnowledge:
     """Return the knowledge of recipes with tables of all link scores, without a recipe ranker.
 
@@ -414,9 +432,12 @@ def _with_tables(
         outside: features of links from outside the recipes.
         link_rankers: by relation, for features of recipes and of outside knowledge.
         encoder: pair encoder of other books; None without.
+        own_lists: those of the recipes, if a lesson has them; else None.
     """
     # Rankers that score 0: the tables take the place of the link rankers.
-    knowledge = RecipeKnowledge.of_recipes(recipes, words.vectors, words.near, encoder=encoder)
+    knowledge = RecipeKnowledge.of_recipes(
+        recipes, words.vectors, words.near, encoder=encoder, lists=own_lists
+    )
     size = knowledge.num_entities
     lists = knowledge.lists()
     every = torch.arange(size)
@@ -500,7 +521,7 @@ def _lesson(
         torch.cat([links, from_outside], dim=-1),
         pair_links,
         examples,
-        lists=lists if len(lists.norms) <= SMALL else None,
+        lists=None if unknown or len(lists.norms) > SMALL else lists,
     )
     if encoder is None or not is_own_encoder:
         return lesson
@@ -545,7 +566,7 @@ def _result_queries(
     slots_of_pair = only_pair(torch.device("cpu"))
     links, every = table_examples(lists, encoder, tables, goals, known_recipes, slots_of_pair)
     # (N C, 1, F) to (N, C, F).
-    features = every.features.view(*query_candidates.shape, -1)
+    features = every.features.view(*query_candidates.shape, every.features.shape[-1])
     examples = Examples(features, torch.from_numpy(competes), torch.from_numpy(is_right))
     return links, examples
 

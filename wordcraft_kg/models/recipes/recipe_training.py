@@ -321,15 +321,18 @@ class RecipesTraining(FitsTraining):
         self, run: RunFolder[Record], report: Progress | None
     ) -> TrainedRecipes:
         began = time.perf_counter()
-        num_lists = len(lessons_of(self.folds, self.every))
+        # A set serves two lessons that leave out the same folds.
+        num_lists = len(
+            {frozenset([*key[0], key[1]]) for key in lessons_of(self.folds, self.every)}
+        )
         total = num_lists + len(self.encoders) + len(self.every)
         after = counter(run, report, total)
         words = Words.of(self.features)
         fitted = self._fitted(run, words, self._encoders(run, words, after), after)
         made: dict[LeftOut, RecipeKnowledge] = {}
         for left_out, knowledge in fitted:
-            # For their lists, which the fits of a large book do not keep.
-            if self.opened.graph.num_entities <= SMALL:
+            # For their lists, which only a small book's fits keep.
+            if left_out and knowledge.num_entities <= SMALL:
                 made[left_out] = knowledge
             # The main model has the words for all folds.
             skipped = RecipeScorer.shared if left_out else ()

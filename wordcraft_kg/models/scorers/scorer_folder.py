@@ -325,7 +325,7 @@ def write_folds(
         whole: the scorer trained on all folds.
         kind: kind of the fold scorers, a key in :data:`SCORERS`.
         part: returns, for a fold's number, the tensors of the model trained without this fold.
-        restored: makes a fold's scorer from its number and tensors, if more than they is at hand.
+        restored: makes a fold's scorer from its number and tensors; None for :func:`make_scorer`.
         workers: threads that evaluate models beside each other.
     """
     graph = folds.split.graph

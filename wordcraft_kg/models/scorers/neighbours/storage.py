@@ -247,8 +247,7 @@ class StoredKnowledge(nn.Module):
             constants |= named_weights(encoder, "encoder_")
             constants |= named_weights(pair_ranker, "results_")
         knowledge = cls(constants)
-        if lists is not None:
-            knowledge._lists[0] = lists
+        knowledge._lists = {} if lists is None else {0: lists}
         return knowledge
 
     @classmethod
@@ -278,10 +277,8 @@ class StoredKnowledge(nn.Module):
         return stack
 
     def with_tensors(self, tensors: dict[str, Tensor]) -> Self:
-        """Return a copy with some stored tensors replaced, by name; lists that fit are shared."""
-        copy = type(self)(self.constants() | tensors)
-        copy.share_lists(self)
-        return copy
+        """Return a copy with some stored tensors replaced, by name."""
+        return type(self)(self.constants() | tensors)
 
     def with_ranker(self, ranker: Ranker, prefix: str = "") -> Self:
         """Return a copy with a single ranker; only for a single model, M = 1.

@@ -76,7 +76,8 @@ class RunConfig:
             f"{key} = {json.dumps(value, ensure_ascii=False)}\n"
             for key, value in moved(self.values(), relative).items()
         ]
-        text = "".join([f"[{self.command}]\n", *lines])
+        # TOML forbids a bare DEL, which JSON leaves as it is.
+        text = "".join([f"[{self.command}]\n", *lines]).replace("\x7f", "\\u007f")
         path = folder / CONFIG_FILE
         # A resumed run whose inputs lie where they lay keeps its file and the file's hash.
         if not path.is_file() or path.read_bytes() != text.encode():

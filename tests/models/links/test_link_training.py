@@ -371,6 +371,13 @@ def test_a_config_file_fills_the_defaults_of_settings_that_it_lacks(tmp_path):
     assert LinksConfig.read(tmp_path) == LinksConfig("kitchen", ComplExConfig(dim=5))
 
 
+@pytest.mark.parametrize("name", ['"', "\\", "\t", "\x1b", "\x7f", "é", "😀"], ids=repr)
+def test_any_name_of_a_graph_is_read_again(tmp_path, name):
+    config = LinksConfig(f"{name}kitchen", ComplExConfig(dim=5))
+    config.write(tmp_path)
+    assert LinksConfig.read(tmp_path) == config
+
+
 TABLE = '[train-complex]\ngraph = "kitchen"\n'
 
 

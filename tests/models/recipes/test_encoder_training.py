@@ -33,6 +33,7 @@ from wordcraft_kg.models.recipes.recipe_config import (
 from wordcraft_kg.models.recipes.recipe_training import encoder_of_books, train_recipes
 from wordcraft_kg.models.scorers.neighbours.pair_features import OF_ENCODER
 from wordcraft_kg.models.scorers.neighbours.results import results_of
+from wordcraft_kg.models.scorers.ranker import Ranker
 
 TINY = EncoderSchedule(used=6, hidden=8, made=5, batch=16, sampled=8, epochs=1)
 WITH = RecipeScorerConfig(folds=3, features="one-hot")
@@ -45,6 +46,7 @@ def only_compared():
         patch.setattr(fitting, "RESULTS", fitting.RESULTS._replace(epochs=1, steps=4))
         patch.setattr(recipe_config, "ENCODER_FROM", 20)
         patch.setattr(fitting, "ONE_LESSON_FROM", 20)
+        patch.setattr(fitting, "STRICT", 0)
         yield
 
 
@@ -94,7 +96,9 @@ def test_ctrl_c_in_the_middle_of_a_fit_ends_it():
 
 def fitted(folds, words, wanted):
     vectors = torch.from_numpy(words.vectors).float()
-    encoders = dict(fit_encoders(folds, vectors, encoders_of(folds, wanted)))
+    encoders = {}
+    if not fitting.STRICT:
+        encoders = dict(fit_encoders(folds, vectors, encoders_of(folds, wanted)))
     fits = fit_recipe_scorers(folds, words, wanted, encoders=encoders)
     return {left_out: knowledge.constants() for left_out, knowledge in fits}
 
@@ -103,7 +107,11 @@ def same_tensors(one, other):
     return all(torch.equal(one[name], other[name]) for name in one)
 
 
-def test_a_changed_result_of_a_fold_leaves_the_scorer_without_it_alone():
+@pytest.mark.parametrize("strict", [0, 60])
+def test_a_changed_result_of_a_fold_leaves_the_scorer_without_it_alone(monkeypatch, strict):
+    """But for rankers of a large book: features of other folds' queries count its recipes."""
+    monkeypatch.setattr(fitting, "STRICT", strict)
+    monkeypatch.setattr(fitting, "ONE_LESSON_FROM", strict + 1)
     graph = random_graph(2, 12, 60)
     folds = make_folds(make_split(graph, SplitConfig()), 3)
     rows = graph.recipes.copy()
@@ -124,8 +132,13 @@ def test_a_changed_result_of_a_fold_leaves_the_scorer_without_it_alone():
     words = words_of(np.random.default_rng(0).normal(size=(12, 5)))
     wanted = [(), (0,), (1,)]
     before, after = (fitted(each, words, wanted) for each in (folds, other))
+    prefixes = ("", "results_", "combinesWith_", "componentOf_")
+    rankers = {f"{prefix}{name}" for prefix in prefixes for name in Ranker._fields}
     for left_out in wanted:
-        assert same_tensors(before[left_out], after[left_out]) == (left_out == (1,))
+        learned, changed_to = before[left_out], after[left_out]
+        differing = {name for name in learned if not torch.equal(learned[name], changed_to[name])}
+        assert (differing <= rankers) == (left_out == (1,))
+        assert bool(differing) != (left_out == (1,) and strict > 0)
 
 
 def test_no_held_out_result_changes_a_feature_from_which_rankers_learn():
@@ -149,6 +162,20 @@ def test_no_held_out_result_changes_a_feature_from_which_rankers_learn():
     assert torch.equal(links, replaced_links)
     assert torch.equal(queries.features, replaced_queries.features)
     assert torch.equal(queries.competes, replaced_queries.competes)
+
+
+def test_a_fold_without_right_candidates_gives_an_empty_ranker_of_results():
+    folds = make_folds(make_split(random_graph(3, 12, 60), SplitConfig()), 3)
+    words = words_of(np.random.default_rng(0).normal(size=(12, 5)))
+    vectors = torch.from_numpy(words.vectors).float()
+    ((_, encoder),) = fit_encoders(folds, vectors, [(0,)])
+    lists = words.lists(folds.recipes([0]))
+    nothing = np.zeros((0, 3), dtype=np.int64)
+    rng = np.random.default_rng(0)
+    _, queries = fitting._result_queries(lists, encoder, folds.recipes_of(0), nothing, rng)
+    assert len(queries.competes) == 0
+    ranker = fitting._result_ranker(queries, torch.Generator(), None, folds.recipes())
+    assert not ranker.second.any()
 
 
 def test_a_known_recipe_is_the_first_result_of_its_pair():

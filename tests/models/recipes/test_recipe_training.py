@@ -21,7 +21,8 @@ from wordcraft_kg import (
 )
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError
 from wordcraft_kg.graphs import make_folds
-from wordcraft_kg.models.recipes import recipe_training
+from wordcraft_kg.models.knowledge import books
+from wordcraft_kg.models.recipes import fitting, recipe_training
 from wordcraft_kg.models.recipes.committee import (
     TABLES,
     Examples,
@@ -33,6 +34,7 @@ from wordcraft_kg.models.recipes.committee import (
 )
 from wordcraft_kg.models.scorers import score_limits
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.neighbours import lists, storage
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
@@ -87,6 +89,42 @@ def test_an_interrupted_run_continues_to_the_same_bytes(book, small, monkeypatch
     resume(folder)
     assert made == [(0,), (1,), (2,)]
     assert same_files(folder, small, "calibration.json")
+
+
+def test_a_training_makes_the_lists_of_each_set_of_recipes_once(
+    book, only_compared, tmp_path, monkeypatch
+):
+    made = []
+
+    def make_lists(recipes, vectors, near_words):
+        made.append(tuple(map(tuple, sorted(recipes.tolist()))))
+        return lists.make_lists(recipes, vectors, near_words)
+
+    monkeypatch.setattr(fitting, "STRICT", 0)
+    for module in (books, storage):
+        monkeypatch.setattr(module, "make_lists", make_lists)
+    train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "model")
+    # Those of all train recipes, and of those without each of three folds.
+    assert len(made) == len({*made}) == 4
+    monkeypatch.setattr(fitting, "STRICT", 2_000)
+    made.clear()
+    train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "strict")
+    # And of those without each two folds.
+    assert len(made) == len({*made}) == 7
+
+
+def test_an_interrupted_run_of_a_larger_book_continues_to_the_same_bytes(
+    book, only_compared, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(fitting, "STRICT", 0)
+    config = RecipesConfig(str(book), SMALL)
+    whole = train_recipes(config, tmp_path / "whole").folder
+    for parts in (4, 6):
+        folder = tmp_path / f"interrupted {parts}"
+        with pytest.raises(KeyboardInterrupt):
+            train_recipes(config, folder, progress=interrupt_after(parts))
+        resume(folder)
+        assert same_files(folder, whole, "calibration.json")
 
 
 def test_the_folder_has_words_once_and_a_scorer_for_each_fold(small, book):

@@ -232,7 +232,7 @@ def test_a_book_without_words_has_an_encoder_of_single_entities(recipes):
 
 def test_lessons_need_few_encoders(monkeypatch):
     from wordcraft_kg.models.recipes import fitting
-    from wordcraft_kg.models.recipes.fitting import encoders_of, lesson_folds
+    from wordcraft_kg.models.recipes.fitting import encoders_of, lesson_folds, lessons_of
 
     entities = [f"e{number}" for number in range(30)]
     rows = [(entities[i], entities[(7 * i + 1) % 30], entities[(3 * i) % 30]) for i in range(30)]
@@ -242,11 +242,17 @@ def test_lessons_need_few_encoders(monkeypatch):
     for left_out in every:
         remaining = [fold for fold in range(5) if fold not in left_out]
         assert lesson_folds(folds, left_out) == remaining
+    # In a small book a scorer without a fold has lessons of its own.
+    assert len(lessons_of(folds, every)) == 5 + 5 * 4
+    monkeypatch.setattr(fitting, "STRICT", len(folds.recipes()))
+    assert len(lessons_of(folds, every)) == 5 + 5 * 4
+    monkeypatch.setattr(fitting, "STRICT", len(folds.recipes()) - 1)
+    assert lessons_of(folds, every) == [((), fold) for fold in range(5)]
     # In a large book one fold has examples enough.
     monkeypatch.setattr(fitting, "ONE_LESSON_FROM", len(folds.recipes()))
     needed = encoders_of(folds, every)
-    assert len(needed) == len({*needed}) == 9
+    assert needed == every
+    assert lessons_of(folds, every) == [((), 0), ((), 1)]
     for left_out in every:
         (turn,) = lesson_folds(folds, left_out)
         assert turn not in left_out
-        assert tuple(sorted((*left_out, turn))) in needed

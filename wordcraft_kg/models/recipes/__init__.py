@@ -26,7 +26,7 @@ lists alone: with half of them proposed by the encoder, the planner solves no mo
 | step | cost |
 |---|---|
 | a step of the fit, B recipes, N sampled | 2 B V (3 U + Z) + (B + N) D Z + B (3 B + N) Z |
-| an encoder | n / B steps an epoch; five folds need nine encoders |
+| an encoder | n / B steps an epoch; five folds need six encoders |
 | features of a table with A slots | A² V (3 U + Z) / 2, each pair once in a batch |
 | proposals for a pair | V (3 U + Z) + E Z |
 | memory of an encoder | E (U + Z + 1) + 3 U V + V Z + D (U + Z), entities in half precision |

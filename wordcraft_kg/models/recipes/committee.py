@@ -146,11 +146,14 @@ def _prepared(
         standardised features of the competing candidates, shape (c, F); where they are among all
         candidates, query by query, shape (c,); and which are right, shape (n, P).
     """
-    competes = examples.competes[rows]
-    features = (examples.features[rows][competes] - mean) / scale
+    width = examples.competes.shape[1]
     # (n, P) to (n · P,).
-    places = competes.view(-1).nonzero()[:, 0]
-    return features, places, examples.is_right[rows]
+    places = examples.competes[rows].view(-1).nonzero()[:, 0]
+    # The candidates' numbers among those of all queries, (N · P,): one copy takes a third of the
+    # time of two, by query and by candidate.
+    numbers = (rows[:, None] * width + torch.arange(width)).view(-1)[places]
+    features = examples.features.flatten(0, 1).index_select(0, numbers)
+    return features.sub_(mean).div_(scale), places, examples.is_right[rows]
 
 
 def _set_gradients(
@@ -201,9 +204,10 @@ def _set_gradients(
 def _moments(examples: Examples) -> tuple[Tensor, Tensor]:
     """Return means and deviations of features, (F,) each; a constant has an infinite deviation."""
     # A row for each feature: along its numbers, sums and extremes take half of the time.
-    competing = examples.features[examples.competes]
-    by_feature = competing.T.contiguous()
-    deviation = by_feature.std(1)
+    competing = examples.competes.view(-1).nonzero()[:, 0]
+    by_feature = examples.features.flatten(0, 1).index_select(0, competing).T.contiguous()
+    # One after the other takes a sixth of the time of all together.
+    deviation = torch.stack([numbers.std() for numbers in by_feature])
     span = by_feature.amax(1) - by_feature.amin(1)
     # A rare feature may differ in so few pairs that its deviation is rounding: its span serves.
     scale = torch.where(deviation > _SMALL, deviation, span)

@@ -2,24 +2,22 @@
 
 Rankers are small networks. They learn from recipes of held-out folds, whose features come from the
 remaining folds, and so learn how far features can be trusted. The final scorer applies the rankers
-to features from all recipes (Wolpert 1992; van der Laan, Polley and Hubbard 2007). For
-cross-fitting, a scorer without a fold is fitted in the same way on the remaining folds.
+to features from all recipes (Wolpert 1992; van der Laan, Polley and Hubbard 2007).
 
-The ranker without fold i learns from fold j by lists without folds i and j; so does the ranker
-without fold j from fold i. These lists are made once, and 1 + K + K (K - 1) / 2 sets of lists serve
-K + 1 scorers.
+For cross-fitting there is a scorer without each fold. It knows the recipes of the other folds, and
+its rankers learn from queries about these. Up to :data:`STRICT` train recipes, nothing of the fold
+is in the queries: 1 + K + K (K - 1) / 2 sets of lists serve K + 1 scorers. In larger books the
+queries are those of the main model, whose features and right answers count the fold's recipes as
+known, and K + 1 sets serve all; see "A scorer in two steps" in docs/explanation/cross-fitting.md.
 
-On large books, which have a pair encoder, whose fit costs more than all else, a scorer's rankers
-learn from one fold: a large book has recipes enough in it. Folds are taken in twos, which learn
-from each other, so that lists and encoders without both serve both, see :func:`lesson_folds`. An
-encoder of other books is one for all folds.
+On large books, which have a pair encoder, whose fit costs more than all else, rankers learn from
+one fold: a large book has recipes enough in it. An encoder of other books is one for all folds.
 """
 
 import math
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -51,6 +49,7 @@ from wordcraft_kg.models.scorers.neighbours.pair_features import (
     pairs_of,
     with_link_scores,
 )
+from wordcraft_kg.models.scorers.neighbours.regression import SMALL
 from wordcraft_kg.models.scorers.neighbours.results import propose_results
 from wordcraft_kg.models.scorers.neighbours.storage import num_features
 from wordcraft_kg.models.scorers.ranker import Ranker
@@ -58,7 +57,7 @@ from wordcraft_kg.models.scorers.ranker import Ranker
 TABLES = (8, 2)
 """Distractors (entities outside the recipe) on each of the tables for a held-out recipe."""
 EXAMPLES = 4_000
-"""Most held-out recipes from which a ranker learns, over all folds.
+"""Most held-out recipes from which a ranker of the main model learns, over all folds.
 
 On validation parts of `everyday`, splits 0 to 2, 3,000, 4,000 and 6,000 solve .571, .574 and .573
 by goal, .770, .771 and .773 by recipe.
@@ -66,8 +65,14 @@ by goal, .770, .771 and .773 by recipe.
 ONE_LESSON_FROM = 20_000
 """Training recipes from which a scorer's rankers learn from a single held-out fold.
 
-It has as many examples as all folds together, and five folds need nine sets of lists instead of 16.
-A pair encoder needs as many recipes.
+It has as many examples as all folds together. A pair encoder needs as many recipes.
+"""
+STRICT = 2_000
+"""Most train recipes with which the rankers of a scorer without a fold learn nothing of this fold.
+
+In larger books, whose lists cost more, they learn from queries that count its recipes as known. On
+`kitchen`, of 260, that would raise success on the fold, by goal, and not on test tasks; see
+docs/evidence/links.md, "Do models without a fold know of it?".
 """
 DRAWS = (2, 4)
 """Fewest and most tables of each size for a held-out recipe, with different distractors.
@@ -91,7 +96,9 @@ neither batches of 128 nor half the step size gain."""
 _TOGETHER = 256
 """Tables whose pairs are encoded at once."""
 LeftOut = tuple[int, ...]
-"""Folds that a scorer has not seen: none, or one; lists and encoders may leave out two."""
+"""Folds whose recipes a scorer does not know: none, or one."""
+LessonKey = tuple[LeftOut, int]
+"""Folds that queries do not count as known, and the fold that they ask for."""
 
 
 def fit_recipe_scorers(
@@ -125,54 +132,54 @@ def fit_recipe_scorers(
     Yields:
         an entry of ``wanted``, and the knowledge fitted without these folds.
     """
-    has_own_encoders = bool(encoders)
-    # By the folds left out and the fold held out.
-    lessons: dict[tuple[LeftOut, int], _Lesson] = {}
-    missing = set(wanted)
+    needed = {*lessons_of(folds, wanted)}
+    lessons: dict[LessonKey, _Lesson] = {}
 
-    def encoder_without(left_out: Collection[int]) -> PairEncoder | None:
-        return encoders.get(tuple(sorted(left_out)), outside.encoder)
-
-    def make_lessons(left_out: LeftOut, turn: int) -> dict[tuple[LeftOut, int], _Lesson]:
-        without = {*left_out, turn}
-        lists = words.lists(folds.recipes(without))
-        encoder = encoder_without(without)
-        new_lessons = {}
-        # Each fold left out is held out for the ranker that leaves out the others.
-        for held_out in without:
-            ranker_folds = tuple(sorted(without - {held_out}))
-            turns = lesson_folds(folds, ranker_folds)
-            if ranker_folds in missing and held_out in turns:
-                new_lessons[ranker_folds, held_out] = _lesson(
-                    folds,
-                    lists,
-                    outside,
-                    encoder,
-                    ranker_folds,
-                    held_out,
-                    seed,
-                    is_own_encoder=has_own_encoders,
-                )
-        return new_lessons
+    def make_lessons(key: LessonKey) -> dict[LessonKey, _Lesson]:
+        unknown, held_out = key
+        lists = words.lists(folds.recipes([*unknown, held_out]))
+        # The same lists serve the fold that is unknown, in the other's turn.
+        turned = [((held_out,), fold) for fold in unknown]
+        return {
+            (left_out, fold): _lesson(
+                folds,
+                lists,
+                outside,
+                encoders.get((held_out,), outside.encoder),
+                left_out,
+                fold,
+                seed,
+                is_own_encoder=bool(encoders),
+            )
+            for left_out, fold in needed.intersection([key, *turned])
+        }
 
     pool = ThreadPoolExecutor(workers)
     # Rankers are fitted beside each other, and beside the lists of the next ones.
     fits: deque[tuple[LeftOut, Future[RecipeKnowledge]]] = deque()
     try:
         for number, left_out in enumerate(wanted, 1):
-            turns = lesson_folds(folds, left_out)
-            new = [turn for turn in turns if (left_out, turn) not in lessons]
-            for lessons_of_turn in pool.map(partial(make_lessons, left_out), new):
-                lessons |= lessons_of_turn
+            keys = lessons_of(folds, [left_out])
+            for new_lessons in pool.map(make_lessons, [key for key in keys if key not in lessons]):
+                lessons |= new_lessons
                 after()
-            turn_lessons = [lessons.pop((left_out, turn)) for turn in turns]
-            missing.remove(left_out)
-            encoder = encoder_without(left_out)
-            fit = pool.submit(_fitted, folds, words, outside, encoder, left_out, turn_lessons, seed)
+            fit = pool.submit(
+                _fitted,
+                folds,
+                words,
+                outside,
+                encoders.get(left_out, outside.encoder),
+                left_out,
+                [lessons[key] for key in keys],
+                # A lesson of the main model has the lists of the scorer without its fold.
+                next((lessons[(), fold].lists for fold in left_out if ((), fold) in lessons), None),
+                seed,
+            )
             fits.append((left_out, fit))
+            # Lessons of the main model serve other scorers, too.
+            lessons = {key: lessons[key] for key in lessons if not key[0] or key not in keys}
             # More waiting fits would only keep what they learn from in memory.
-            num_waiting = workers - 1 if number < len(wanted) else 0
-            while len(fits) > num_waiting:
+            while len(fits) > (workers - 1 if number < len(wanted) else 0):
                 fold_set, first_fit = fits.popleft()
                 yield fold_set, first_fit.result()
                 after()
@@ -189,40 +196,42 @@ def lesson_folds(folds: Folds, left_out: LeftOut) -> list[int]:
         left_out: folds that the scorer has not seen.
     """
     remaining_folds = [fold for fold in range(folds.count) if fold not in left_out]
-    if np.count_nonzero(folds.train_sample.is_trained_on) < ONE_LESSON_FROM:
-        return remaining_folds
-    # Folds 0 and 1 learn from each other, so do 2 and 3; the last of an odd number learns from 0.
-    # `^ 1` turns an even number into the next one, and that into the even one.
-    partners = [fold ^ 1 for fold in left_out]
-    partner_folds = [fold for fold in partners if fold in remaining_folds]
-    return partner_folds or remaining_folds[:1]
+    is_large = np.count_nonzero(folds.train_sample.is_trained_on) >= ONE_LESSON_FROM
+    return remaining_folds[: 1 if is_large else None]
 
 
-def lists_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LeftOut]:
-    """Return the folds that sets of lists must not have seen, an entry for each set.
+def lessons_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LessonKey]:
+    """Return the lessons from which the rankers of these scorers learn, each once.
 
     Args:
         folds: folds of the train recipes.
         wanted: the folds that scorers leave out, in the order of their fits.
+
+    Returns:
+        of each lesson, the folds that it does not count as known, and the fold that it holds out;
+        it needs a set of lists without both.
     """
-    fold_sets: dict[LeftOut, None] = {}
-    for left_out in wanted:
-        for turn in lesson_folds(folds, left_out):
-            fold_sets[tuple(sorted({*left_out, turn}))] = None
-    return list(fold_sets)
+    is_strict = np.count_nonzero(folds.train_sample.is_trained_on) <= STRICT
+    lessons = [
+        (left_out if is_strict else (), turn)
+        for left_out in wanted
+        for turn in lesson_folds(folds, left_out)
+    ]
+    return list(dict.fromkeys(lessons))
 
 
 def encoders_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LeftOut]:
     """Return the folds that pair encoders must not have seen, an entry for each encoder.
 
     A scorer needs two: one that has seen all that the scorer may see, and one without the fold from
-    which the rankers learn. Five folds and the main model need nine.
+    which the rankers learn. Five folds and the main model need six.
 
     Args:
         folds: folds of the train recipes.
         wanted: the folds that scorers leave out, in the order of their fits.
     """
-    return list(dict.fromkeys([*wanted, *lists_of(folds, wanted)]))
+    lessons = lessons_of(folds, wanted)
+    return list(dict.fromkeys([*wanted, *((held_out,) for _, held_out in lessons)]))
 
 
 class _Lesson(NamedTuple):
@@ -237,6 +246,9 @@ class _Lesson(NamedTuple):
             first.
         results: queries for results of pairs, likewise; None without an encoder of the own recipes.
         result_links: as ``links``, of these queries: a table of two slots for each candidate.
+        lists: those without the fold, which are those of the scorer without it, too; None of more
+            than :data:`SMALL` entities, where they take hundreds of megabytes, and in lessons that
+            leave out another fold.
     """
 
     queries: Mapping[int, Examples]
@@ -245,6 +257,7 @@ class _Lesson(NamedTuple):
     tables: Examples
     results: Examples | None = None
     result_links: Tensor | None = None
+    lists: Lists | None = None
 
 
 def _fitted(
@@ -254,6 +267,7 @@ def _fitted(
     encoder: PairEncoder | None,
     left_out: LeftOut,
     lessons: Sequence[_Lesson],
+    lists: Lists | None,
     seed: int,
 ) -> RecipeKnowledge:
     """Fit the rankers of a scorer: those of links, then that of recipes, which uses their scores.
@@ -265,21 +279,20 @@ def _fitted(
         encoder: pair encoder that has seen what the scorer has seen; None without.
         left_out: folds that the scorer has not seen.
         lessons: the queries of each held-out fold.
+        lists: those of the scorer, if a lesson has them; else None.
         seed: seed of the initial weights and the order of queries.
     """
     generator = torch.Generator().manual_seed(_seed_of(seed, left_out))
     link_rankers = {}
-    for relation in (COMBINES_WITH, COMPONENT_OF):
-        queries = _together([lesson.queries[relation] for lesson in lessons])
+    lesson = _merged(lessons)
+    for relation, queries in lesson.queries.items():
         if len(queries.features):
             link_rankers[relation] = fit_committee(queries, generator, LINKS)
-    for lesson in lessons:
-        _add_link_scores(lesson, link_rankers)
-    examples = _together([lesson.tables for lesson in lessons])
-    ranker = fit_committee(examples, generator)
+    _add_link_scores(lesson, link_rankers)
+    ranker = fit_committee(lesson.tables, generator)
     recipes = folds.recipes(left_out)
     if outside.pairs or outside.parts:
-        knowledge = _with_tables(words, recipes, outside, link_rankers, encoder)
+        knowledge = _with_tables(words, recipes, outside, link_rankers, encoder, lists)
     else:
         knowledge = RecipeKnowledge.of_recipes(
             recipes,
@@ -287,16 +300,21 @@ def _fitted(
             words.near,
             link_rankers,
             encoder,
+            lists,
         )
-    ranker = _knowing(ranker, examples, knowledge, recipes)
-    if any(lesson.results for lesson in lessons):
-        result_ranker = _result_ranker(lessons, generator, knowledge, recipes)
+    ranker = _knowing(ranker, lesson.tables, knowledge, recipes)
+    if lesson.results is not None:
+        result_ranker = _result_ranker(lesson.results, generator, knowledge, recipes)
         knowledge = knowledge.with_ranker(result_ranker, "results_")
-    return knowledge.with_ranker(ranker)
+    scorer = knowledge.with_ranker(ranker)
+    # Known recipes may have needed lists; those of a large book are made again when needed.
+    if knowledge.num_entities <= SMALL:
+        scorer.share_lists(knowledge)
+    return scorer
 
 
 def _result_ranker(
-    lessons: Sequence[_Lesson],
+    examples: Examples,
     generator: torch.Generator,
     knowledge: RecipeKnowledge,
     recipes: Ids,
@@ -304,21 +322,15 @@ def _result_ranker(
     """Fit the ranker of results.
 
     Args:
-        lessons: the queries of each held-out fold, with the scores of the link rankers.
+        examples: queries for results, with the scores of the link rankers.
         generator: draws initial weights and the order of queries.
         knowledge: computes the features of known recipes.
         recipes: known recipes, ids (n, 3).
     """
-    parts = [
-        lesson.results
-        for lesson in lessons
-        if lesson.results is not None and len(lesson.results.competes)
-    ]
-    if not parts:
+    if not len(examples.competes):
         # By-goal folds of a tiny book: no candidate is ever right. As wide as other folds' rankers,
         # with which this one is stacked.
         return Ranker.empty(num_features(has_encoder=True), RESULTS.members * HIDDEN)
-    examples = _together(parts)
     return _knowing(fit_committee(examples, generator, RESULTS), examples, knowledge, recipes)
 
 
@@ -363,11 +375,28 @@ def _knowing(
     return ranker._replace(first=first)
 
 
+def _merged(lessons: Sequence[_Lesson]) -> _Lesson:
+    """Return copies of the queries of all lessons: each scorer adds the scores of its links."""
+    results = [lesson.results for lesson in lessons if lesson.results is not None]
+    result_links = [part.result_links for part in lessons if part.result_links is not None]
+    return _Lesson(
+        {
+            relation: _together([lesson.queries[relation] for lesson in lessons])
+            for relation in (COMBINES_WITH, COMPONENT_OF)
+        },
+        torch.cat([lesson.links for lesson in lessons]),
+        torch.cat([lesson.pair_links for lesson in lessons]),
+        _together([lesson.tables for lesson in lessons]),
+        _together(results) if results else None,
+        torch.cat(result_links) if result_links else None,
+    )
+
+
 def _add_link_scores(lesson: _Lesson, link_rankers: Mapping[int, Ranker]) -> None:
     """Write the scores of the link rankers into the features of a lesson's pairs.
 
     Args:
-        lesson: the queries of a fold; is written to.
+        lesson: the queries; is written to.
         link_rankers: by relation; none where there was nothing to learn from.
     """
     component = link_rankers.get(COMPONENT_OF)
@@ -393,6 +422,7 @@ def _with_tables(
     outside: LinkTables,
     link_rankers: Mapping[int, Ranker],
     encoder: PairEncoder | None,
+    own_lists: Lists | None,
 ) -> RecipeKnowledge:
     """Return the knowledge of recipes with tables of all link scores, without a recipe ranker.
 
@@ -402,9 +432,12 @@ def _with_tables(
         outside: features of links from outside the recipes.
         link_rankers: by relation, for features of recipes and of outside knowledge.
         encoder: pair encoder of other books; None without.
+        own_lists: those of the recipes, if a lesson has them; else None.
     """
     # Rankers that score 0: the tables take the place of the link rankers.
-    knowledge = RecipeKnowledge.of_recipes(recipes, words.vectors, words.near, encoder=encoder)
+    knowledge = RecipeKnowledge.of_recipes(
+        recipes, words.vectors, words.near, encoder=encoder, lists=own_lists
+    )
     size = knowledge.num_entities
     lists = knowledge.lists()
     every = torch.arange(size)
@@ -438,7 +471,7 @@ def _lesson(
     lists: Lists,
     outside: LinkTables,
     encoder: PairEncoder | None,
-    left_out: LeftOut,
+    unknown: LeftOut,
     held_out: int,
     seed: int,
     *,
@@ -448,25 +481,25 @@ def _lesson(
 
     Args:
         folds: folds of the train recipes.
-        lists: made without ``left_out`` and without ``held_out``.
+        lists: made without ``unknown`` and ``held_out``.
         outside: features of links that are the same in all folds.
-        encoder: pair encoder that has seen neither ``left_out`` nor ``held_out``; None without.
-        left_out: folds that the scorer has not seen; every pair in a recipe of the others is right.
+        encoder: pair encoder that has not seen ``held_out``; None without.
+        unknown: folds whose recipes do not count; every pair in a recipe of the others is right.
         held_out: the fold whose recipes are asked for.
         seed: seed of links and tables.
         is_own_encoder: whether the encoder is of the folds' recipes; then results are asked for,
             too.
     """
-    rng = np.random.default_rng([_seed_of(seed, left_out), held_out])
-    lessons = len(lesson_folds(folds, left_out))
+    rng = np.random.default_rng([_seed_of(seed, unknown), held_out])
+    lessons = len(lesson_folds(folds, unknown))
     # A single fold has as many queries as all together would have.
-    most = LINK_QUERIES * (folds.count - len(left_out)) // lessons
+    most = LINK_QUERIES * (folds.count - len(unknown)) // lessons
     queries = {
-        relation: _link_examples(folds, lists, outside, left_out, held_out, relation, most, rng)
+        relation: _link_examples(folds, lists, outside, unknown, held_out, relation, most, rng)
         for relation in (COMBINES_WITH, COMPONENT_OF)
     }
     recipes = folds.recipes_of(held_out)
-    known_recipes = folds.recipes(left_out)
+    known_recipes = folds.recipes(unknown)
     # An equal share of the examples for each fold, rounded up.
     max_recipes = math.ceil(EXAMPLES / lessons)
     lesson_recipes = recipes[np.sort(rng.permutation(len(recipes))[:max_recipes])]
@@ -488,6 +521,7 @@ def _lesson(
         torch.cat([links, from_outside], dim=-1),
         pair_links,
         examples,
+        lists=None if unknown or len(lists.norms) > SMALL else lists,
     )
     if encoder is None or not is_own_encoder:
         return lesson
@@ -532,7 +566,7 @@ def _result_queries(
     slots_of_pair = only_pair(torch.device("cpu"))
     links, every = table_examples(lists, encoder, tables, goals, known_recipes, slots_of_pair)
     # (N C, 1, F) to (N, C, F).
-    features = every.features.view(*query_candidates.shape, -1)
+    features = every.features.view(*query_candidates.shape, every.features.shape[-1])
     examples = Examples(features, torch.from_numpy(competes), torch.from_numpy(is_right))
     return links, examples
 
@@ -541,7 +575,7 @@ def _link_examples(
     folds: Folds,
     lists: Lists,
     outside: LinkTables,
-    left_out: LeftOut,
+    unknown: LeftOut,
     held_out: int,
     relation: int,
     queries: int,
@@ -551,18 +585,18 @@ def _link_examples(
 
     Args:
         folds: folds of the train recipes.
-        lists: made without ``left_out`` and without ``held_out``.
+        lists: made without ``unknown`` and ``held_out``.
         outside: features of links that are the same in all folds.
-        left_out: folds that the scorer has not seen; known links of the others do not compete.
+        unknown: folds whose recipes do not count; known links of the others do not compete.
         held_out: the fold whose links are asked for.
         relation: relation id.
         queries: most links on each side.
         rng: draws links and candidates.
     """
     size = folds.split.graph.num_entities
-    every = folds.triples(left_out)
+    every = folds.triples(unknown)
     fold_triples = recipe_triples(folds.recipes_of(held_out))
-    train_triples = folds.triples([*left_out, held_out])
+    train_triples = folds.triples([*unknown, held_out])
     is_new = ~is_in(fold_triples, train_triples, size)
     new = fold_triples[is_new & (fold_triples[:, 1] == relation)]
     sampled_rows = rng.permutation(len(new))[:queries]

@@ -18,7 +18,7 @@ have at most 6,510, and keep their results.
 ENCODER_UP_TO = 1_000_000
 """Most training recipes with which a scorer has a pair encoder.
 
-An encoder takes some nine CPU minutes for a million recipes, and five folds need nine encoders.
+An encoder takes some nine CPU minutes for a million recipes, and five folds need six encoders.
 """
 
 

@@ -7,7 +7,7 @@ The page docs/explanation/recipe-scorer.md has the formulas of what is fitted.
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -48,7 +48,7 @@ from wordcraft_kg.models.recipes.fitting import (
     LeftOut,
     encoders_of,
     fit_recipe_scorers,
-    lists_of,
+    lessons_of,
 )
 from wordcraft_kg.models.recipes.recipe_config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.recipe_records import (
@@ -62,6 +62,7 @@ from wordcraft_kg.models.scorers.features import named
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
 from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
+from wordcraft_kg.models.scorers.neighbours.regression import SMALL
 from wordcraft_kg.models.scorers.ranker import Ranker
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.score_limits import check_table, fitting_workers
@@ -320,12 +321,19 @@ class RecipesTraining(FitsTraining):
         self, run: RunFolder[Record], report: Progress | None
     ) -> TrainedRecipes:
         began = time.perf_counter()
-        num_lists = len(lists_of(self.folds, self.every))
+        # A set serves two lessons that leave out the same folds.
+        num_lists = len(
+            {frozenset([*key[0], key[1]]) for key in lessons_of(self.folds, self.every)}
+        )
         total = num_lists + len(self.encoders) + len(self.every)
         after = counter(run, report, total)
         words = Words.of(self.features)
         fitted = self._fitted(run, words, self._encoders(run, words, after), after)
+        made: dict[LeftOut, RecipeKnowledge] = {}
         for left_out, knowledge in fitted:
+            # For their lists, which only a small book's fits keep.
+            if left_out and knowledge.num_entities <= SMALL:
+                made[left_out] = knowledge
             # The main model has the words for all folds.
             skipped = RecipeScorer.shared if left_out else ()
             constants = knowledge.constants().items()
@@ -333,7 +341,7 @@ class RecipesTraining(FitsTraining):
             run.checkpoints.save(self._number_of(left_out), tensors, Record())
         if report:
             report(total, total, {})
-        return self._write(run, time.perf_counter() - began)
+        return self._write(run, made, time.perf_counter() - began)
 
     def _number_of(self, left_out: LeftOut) -> int:
         """Return the number of a fit among the saved parts, from 1: encoders come first."""
@@ -430,8 +438,20 @@ class RecipesTraining(FitsTraining):
             # A zero-shot scorer is fitted on a joint graph, and saved for the graph alone.
             yield left_out, knowledge if self.own is None else knowledge.of_entities(self.own)
 
-    def _write(self, run: RunFolder[Record], seconds: float) -> TrainedRecipes:
-        """Write the scorers from the saved fits, their metrics and the model card."""
+    def _write(
+        self,
+        run: RunFolder[Record],
+        made: Mapping[LeftOut, RecipeKnowledge],
+        seconds: float,
+    ) -> TrainedRecipes:
+        """Write the scorers from the saved fits, their metrics and the model card.
+
+        Args:
+            run: the run's folder.
+            made: knowledge by the folds left out, of the fits since the last resume; none of a
+                large book.
+            seconds: time of these fits.
+        """
         graph = self.opened.graph
         settings = self.config.settings
         folds = self.folds
@@ -445,6 +465,11 @@ class RecipesTraining(FitsTraining):
             def part(fold: int) -> dict[str, Tensor]:
                 return shared | run.checkpoints.read(self._number_of((fold,))).tensors
 
+            def restored(fold: int, tensors: Mapping[str, Tensor]) -> RecipeScorer:
+                scorer = RecipeScorer(tensors, graph.entities, graph.hash)
+                scorer.knowledge.share_lists(made.get((fold,), scorer.knowledge))
+                return scorer
+
             main = RecipeScorer(tensors, graph.entities, graph.hash)
             record = write_folds(
                 run.path,
@@ -452,6 +477,7 @@ class RecipesTraining(FitsTraining):
                 main,
                 RecipeScorer.kind,
                 part,
+                restored=restored,
                 workers=self.workers,
             )
         # Scores of link prediction are measured only where there are models without each fold.

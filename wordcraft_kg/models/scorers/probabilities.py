@@ -61,7 +61,7 @@ Against a single slope, they lower the log loss of the cross-fitted kernel regre
 by .3 to 3 % (Little Alchemy 2 and `everyday`, splits 10 and 11, both relations), with a 95 %
 interval (2,000 resamples of tails) above 0 in seven of the eight cases.
 """
-MAX_CELLS = 2**20
+MAX_CELLS = 2**19
 """Pairs of different entities scored per relation; more pairs are sampled uniformly."""
 _HEADS = 4_096
 """Entities whose pairs are sampled in a larger book."""
@@ -121,7 +121,7 @@ class Bins:
 
 
 LOG_ODDS = Bins(-16.0, 16.0, 0.01)
-"""Bins of rank log-odds; :data:`MAX_CELLS` pairs reach 14.6."""
+"""Bins of rank log-odds; :data:`MAX_CELLS` pairs reach 13.9."""
 NATS = Bins(-20.0, 30.0, 0.05)
 """Bins of recipe scores."""
 

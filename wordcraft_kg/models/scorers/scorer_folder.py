@@ -314,6 +314,7 @@ def write_folds(
     kind: str,
     part: Callable[[int], Tensors],
     *,
+    restored: Callable[[int, Tensors], Scorer] | None = None,
     workers: int = 1,
 ) -> FoldsRecord:
     """Write the models trained without each fold, and return the fold record.
@@ -324,6 +325,7 @@ def write_folds(
         whole: the scorer trained on all folds.
         kind: kind of the fold scorers, a key in :data:`SCORERS`.
         part: returns, for a fold's number, the tensors of the model trained without this fold.
+        restored: makes a fold's scorer from its number and tensors; None for :func:`make_scorer`.
         workers: threads that evaluate models beside each other.
     """
     graph = folds.split.graph
@@ -345,7 +347,11 @@ def write_folds(
 
     def evaluated(number: int) -> tuple[Tensors, float | None, HeldOut]:
         own_tensors = part(number)
-        left_out = make_scorer(kind, own_tensors, graph.entities, graph.hash)
+        left_out = (
+            restored(number, own_tensors)
+            if restored
+            else make_scorer(kind, own_tensors, graph.entities, graph.hash)
+        )
         mrr = _mrr(left_out, queries[number], train_triples)
         return own_tensors, mrr, score_fold(left_out, folds, number)
 

@@ -217,6 +217,7 @@ class StoredKnowledge(nn.Module):
         near_words: Any,
         link_rankers: Mapping[int, Ranker] = MappingProxyType({}),
         encoder: PairEncoder | None = None,
+        lists: Lists | None = None,
     ) -> Self:
         """Return the knowledge of recipes for a single model without ranker.
 
@@ -226,6 +227,7 @@ class StoredKnowledge(nn.Module):
             near_words: neighbours by words, shape (E, K_w), int32, -1 at the end.
             link_rankers: by relation; scores are 0 without one.
             encoder: pair encoder of the same words; None without.
+            lists: the recipes' lists, if they are made; else they are made when needed.
         """
         pair_ranker = Ranker.empty(num_features(has_encoder=encoder is not None))
         rows = torch.from_numpy(recipes.astype(np.int32))
@@ -244,7 +246,9 @@ class StoredKnowledge(nn.Module):
         if encoder is not None:
             constants |= named_weights(encoder, "encoder_")
             constants |= named_weights(pair_ranker, "results_")
-        return cls(constants)
+        knowledge = cls(constants)
+        knowledge._lists = {} if lists is None else {0: lists}
+        return knowledge
 
     @classmethod
     def stacked(cls, models: Sequence[Self]) -> Self:
@@ -367,7 +371,7 @@ class StoredKnowledge(nn.Module):
     def share_lists(self, other: "StoredKnowledge") -> None:
         """Take lists from ``other``, now and later, if it has the same recipes and words.
 
-        Sources of a restored policy would make and keep the same lists otherwise.
+        Copies, and sources of a restored policy, would make and keep the same lists otherwise.
         """
         names = ("vectors", "near_words", "recipes", "seen")
         if all(torch.equal(getattr(self, name), getattr(other, name)) for name in names):

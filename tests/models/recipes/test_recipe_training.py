@@ -8,6 +8,7 @@ import torch
 from helpers import recorded, resume
 from link_helpers import contents, interrupt_after, rewritten, same_files
 from short_fits import assert_sources_are_restored, short_fits
+from threadpoolctl import threadpool_info
 
 from wordcraft_kg import (
     RecipesConfig,
@@ -125,6 +126,24 @@ def test_an_interrupted_run_of_a_larger_book_continues_to_the_same_bytes(
             train_recipes(config, folder, progress=interrupt_after(parts))
         resume(folder)
         assert same_files(folder, whole, "calibration.json")
+
+
+def test_lists_are_made_by_one_thread_whatever_the_fits_have(
+    book, only_compared, tmp_path, monkeypatch
+):
+    """Sums of several threads have other last bits, so that a loaded scorer would differ."""
+    threads = []
+
+    def make_lists(*args):
+        threads.extend(
+            pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"
+        )
+        return lists.make_lists(*args)
+
+    for module in (books, storage):
+        monkeypatch.setattr(module, "make_lists", make_lists)
+    train_recipes(RecipesConfig(str(book), replace(SMALL, threads=2)), tmp_path / "model")
+    assert {*threads} == {1}
 
 
 def test_the_folder_has_words_once_and_a_scorer_for_each_fold(small, book):

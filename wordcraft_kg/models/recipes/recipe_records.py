@@ -220,8 +220,9 @@ class FitsTraining(Training[RecipesConfig, Record, TrainedRecipes]):
                     )
             run.resume(self.config)
         threads = self.config.settings.threads
-        # For small arrays, further threads mostly wait, at full load.
-        with torch_threads(threads), threadpool_limits(threads):
+        # For small arrays, further threads mostly wait, at full load. NumPy has one, so that a
+        # loaded scorer makes the lists of its training, to the bit.
+        with torch_threads(threads), threadpool_limits({"blas": 1, "openmp": threads}):
             return self.make(run, report)
 
     def finish(

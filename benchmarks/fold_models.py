@@ -5,7 +5,8 @@
 A recipe scorer's model without fold k learns from the other folds' queries, whose features count recipes of fold k as
 known (docs/explanation/cross-fitting.md, "A scorer in two steps"); here in small books, too. Its strict twin is a main
 model of the other folds alone, in which nothing comes from fold k. Where the first model gains more on the fold's train
-tasks than on test tasks, which neither has seen, it knows of the fold.
+tasks than on test tasks, which neither has seen, it knows of the fold. Where folds have more than 800 recipes, as those
+of `everyday`, the model learns from queries about 3,200 recipes and its twin from 4,000, on the fold as on the test.
 """
 
 import argparse

@@ -145,7 +145,8 @@ def fit_recipe_scorers(
                 folds,
                 lists,
                 outside,
-                encoders.get((held_out,), outside.encoder),
+                # That of the book itself has not seen the fold that is asked for.
+                encoders.get((fold,), outside.encoder),
                 left_out,
                 fold,
                 seed,
